@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import time
 from collections.abc import Mapping
 from typing import Any
 
-from plotfeed.feeds.fleet.part_hold import ENDED, PATIENCE_S, part_status, told_gaps
+from plotfeed.feeds.fleet.part_hold import PATIENCE_S, part_status, told_gaps
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.part import FLEET
+from plotfeed.feeds.session.presence import DIED, ENDED, session_told
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.utc import NS, utc_ns
 
-DIED, SILENT, UNKNOWN = "DIED", "silent", "not heard of"
+SILENT, UNKNOWN = "silent", "not heard of"
 SHOWN = ("worker", "sensors", "plots", "missed_scans", "lateness_p99_us", "sent_until_utc", "age_s")
 
 
@@ -75,13 +74,10 @@ class FleetWatch:
     def _hear(self, topic: str, payload: bytes, _content_type: str | None) -> None:
         level, _, kind = topic.removeprefix(f"{self.root}/").partition("/")
         part = int(level) if level.isdecimal() and len(level) < 6 else 0
-        told: Any = None
-        with contextlib.suppress(ValueError, RecursionError):
-            told = json.loads(payload)
         if kind == "gaps" and part:
             self._gaps[part] = told_gaps(payload)
-        elif kind == "session" and isinstance(told, dict):
-            self._gone[part] = str(told.get("session")) if told.get("state") == DIED else ""
+        elif kind == "session" and (told := session_told(payload)) is not None:
+            self._gone[part] = told["session"] if told["state"] == DIED else ""
         elif not kind and (status := part_status(payload)) is not None and status["part"] == part:
             before = self._statuses.get(part)
             if before is not None and before["number"] != status["number"]:

@@ -29,6 +29,7 @@ from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.transports import Client, Transport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.part import PartHold, SessionPart
+from plotfeed.feeds.session.presence import ENDED, RUNNING, session_told
 from plotfeed.feeds.session.session import FIRST_CONNECTION_S, Session, run_over
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.brokers import brokers_of
@@ -40,7 +41,7 @@ from plotfeed.proto.utc import NS, iso_utc
 
 log = logging.getLogger(__name__)
 
-JOINING, RUNNING, ENDED = "JOINING", "RUNNING", "ENDED"
+JOINING = "JOINING"  # Before it is RUNNING, and at last ENDED
 # The last is longer than the one before: who was silent for it sends nothing any more.
 SAY_EVERY_S, LEASE_S, PATIENCE_S = 0.5, 2.0, 3.0
 NEWS_S = 0.5  # By then a broker has passed on what it retains
@@ -246,12 +247,9 @@ class BrokerHold(PartHold):
             self._taken, self._until_s = told, float("-inf")
 
     def _hear_session(self, payload: bytes) -> None:
-        try:
-            told = json.loads(payload)
-            gone = "" if told["state"] == RUNNING else str(told["session"])
-        except (ValueError, KeyError, TypeError, RecursionError):
+        if (told := session_told(payload)) is None:
             return
-        self._session_gone = gone
+        gone = self._session_gone = "" if told["state"] == RUNNING else told["session"]
         if gone and self._other is not None and self._other["process"] == gone:
             self._silent_s = NEWS_S  # it is known without waiting
 

@@ -77,7 +77,7 @@ class SessionPresence:
 
     def hear(self, payload: bytes) -> None:
         """Take what was said on the topic, by this session or another; anything else is nothing."""
-        told = _told(payload)
+        told = session_told(payload)
         if self._start_ns is None or told is None:
             return
         other, state = told["session"], told["state"]
@@ -137,7 +137,7 @@ class SessionPresence:
         return retained_message(self._source, "session", json.dumps(said).encode(), now_utc_ns)
 
 
-def _told(payload: bytes) -> dict[str, Any] | None:
+def session_told(payload: bytes) -> dict[str, Any] | None:
     """What a session has said, if it is that."""
     try:
         told = json.loads(payload)

@@ -53,7 +53,7 @@ async def test_the_page_tells_how_the_parts_of_a_fleet_do_and_takes_no_command()
         ("1", status(1, 1)),
         ("1", status(1, 2)),
         ("2", status(2, 1)),
-        ("2/session", b'{"session": "p2", "state": "DIED"}'),
+        ("2/session", b'{"session": "p2", "state": "DIED", "heard": []}'),
         ("1/gaps", json.dumps([gap]).encode()),
         ("2/gaps", b'{"nonsense": 1}'),
         ("9", status(1, 1)),
