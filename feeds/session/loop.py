@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Callable, Coroutine, Sequence
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule
 from plotfeed.proto.utc import NS
@@ -25,10 +25,8 @@ AT_ONCE, ENTRIES_AT_ONCE = 50, 200
 MAX_LATER = 2_000
 DRAIN_EVERY_NS = 20 * NS  # A simulated clock lets the sockets catch up this often
 
-T = TypeVar("T")
 
-
-class SessionLoop(Generic[T]):
+class SessionLoop:
     """Does what the schedule says, and takes in what comes in between."""
 
     def __init__(
@@ -37,34 +35,29 @@ class SessionLoop(Generic[T]):
         schedule: Schedule,
         *,
         inputs: Intake,
-        drain: Callable[[], object],
-        write_later: Callable[[Sequence[T]], object],
+        on_input: Callable[[], object],
+        drain: Callable[[], Awaitable[None]],
+        write_later: Callable[[Sequence[Any]], object],
         before_due: Sequence[Callable[[int], object]] = (),
+        waits_for: Sequence[MqttTransport] = (),
     ) -> None:
-        """`before_due` is told of a deadline before what is due then is done.
+        """`on_input` is called when something has come in, after nothing waited.
 
-        `write_later` is given what could wait, some at a time.
+        `before_due` is told of a deadline before what is due then is done; `write_later` is given
+        what could wait, some at a time. Whenever one of `waits_for` is full, all wait for it.
         """
         self.schedule = schedule
         self.slept_ns = 0  # For how long nothing was due
         self._clock, self._is_simulated = clock, isinstance(clock, InstantClock)
-        self._inputs = inputs
-        # Called when something has come in, after nothing waited.
-        self.on_input: Callable[[], object] | None = None
-        self._drain = drain
-        self._write_later = write_later
-        self._before_due = before_due
-        self._waiting_transports: Sequence[MqttTransport] = ()
-        self._later: deque[T] = deque()
+        self._inputs, self._on_input = inputs, on_input
+        self._drain, self._write_later = drain, write_later
+        self._before_due, self._waits_for = before_due, waits_for
+        self._later: deque[Any] = deque()
         # When the turn of what waits comes; it has come at the end.
         self._later_ns: int | None = None
         self._is_turn_of_later = False
 
-    def wait_for(self, transports: Sequence[MqttTransport]) -> None:
-        """Wait for these whenever they are full, and with them all sensors."""
-        self._waiting_transports = transports
-
-    def later(self, items: Sequence[T]) -> None:
+    def later(self, items: Sequence[Any]) -> None:
         """Write them with others, soon, when nothing is due; or when too much waits for that."""
         waiting = self._later
         begins = not waiting
@@ -82,8 +75,8 @@ class SessionLoop(Generic[T]):
     def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let wait what has come in, for the next tick or, where time stands still, for now."""
         self._inputs.queue(topic, payload, content_type)
-        if self.on_input is not None and len(self._inputs) == 1:
-            self.on_input()
+        if len(self._inputs) == 1:
+            self._on_input()
             if self._stands_still():
                 self._clock.wake()
 
@@ -102,9 +95,7 @@ class SessionLoop(Generic[T]):
             await self._wait_until(due_ns)
             await self._do_what_is_due(NEVER_NS if end_ns is None else end_ns)
             if self._clock.can_wait and due_ns >= drain_ns:
-                drained = self._drain()
-                if asyncio.iscoroutine(drained):
-                    await drained
+                await self._drain()
                 drain_ns = due_ns + DRAIN_EVERY_NS
 
     async def finish(self, least: ActionKind) -> None:
@@ -134,7 +125,7 @@ class SessionLoop(Generic[T]):
 
     async def _do_what_is_due(self, end_ns: int = NEVER_NS) -> None:
         """What is due by now, but nothing that is due after the end, however late it is."""
-        clock, transports = self._clock, self._waiting_transports
+        clock, transports = self._clock, self._waits_for
         for transport in transports:
             if transport.is_full:
                 await transport.room()

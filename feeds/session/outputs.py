@@ -82,7 +82,7 @@ class Outputs:
         self._middleware: tuple[SapientIntake, SapientNews] | None = None
         self._on_message: OnMessage | None = None  # Told of what comes in, over whatever connection
         self._addresses = addresses
-        self._scene, self._clock, self._schedule, self._totals = scene, clock, schedule, totals
+        self._scene, self._clock, self.schedule, self.totals = scene, clock, schedule, totals
         self._before_link = who_care(observers, "before_link")
         self._after_link = who_care(observers, "after_link")
         self._of_session: Outbox  # There is one as soon as it is asked for
@@ -107,7 +107,7 @@ class Outputs:
                 on_message,
                 on_connect=self._announce_again,
                 queue=self._scene.mqtt.queue,
-                on_echo=None if to.ends_with_us else self._totals.echoed,
+                on_echo=None if to.ends_with_us else self.totals.echoed,
             )
             self.brokers.append(link)
         self.connected.extend(self.brokers)
@@ -146,7 +146,7 @@ class Outputs:
         node: SapientCounters | None = None
         if announcer is not None:
             self._announcers.append(announcer)
-            node = SapientCounters(self._totals)
+            node = SapientCounters(self.totals)
             if (middleware := self._scene.outgoing.middleware) is not None:
                 of_its_own = self._to_middleware(middleware, sensor, announcer, node)
                 transports.append(of_its_own)
@@ -214,8 +214,8 @@ class Outputs:
                     *(transport for keys, transport in self._of_tracks if keys.takes(name)),
                 )
             ],
-            schedule=self._schedule,
-            totals=self._totals,
+            schedule=self.schedule,
+            totals=self.totals,
             before_link=self._before_link,
             after_link=self._after_link,
         )

@@ -19,18 +19,16 @@ from plotfeed.feeds.engine.sensor_description import (
     status_message,
     status_of,
 )
-from plotfeed.feeds.link.counters import SessionCounters, lateness_us
-from plotfeed.feeds.link.outbox import Outbox
+from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import instants_ns, joined
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.timing.clock import Schedule
+from plotfeed.feeds.session.outputs import Outputs
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
     from plotfeed.models.cueing import CuedState
     from plotfeed.models.dwell_agenda import PointedBeams
 
@@ -46,26 +44,25 @@ class RunningSensor:
         self,
         engine: Engine,
         i: int,
-        way_out: Callable[[Sensor, pb.SensorStatus, int], tuple[Outbox, SapientAnnouncer | None]],
+        outputs: Outputs,
         *,
         sea_level: SeaLevel,
-        schedule: Schedule,
-        totals: SessionCounters,
         changed: Sequence[Callable[[Sensor], object]],
         start_ns: int,
     ) -> None:
         """Sensor `i` of the engine's; `changed` are told of it when its keys are others.
 
-        `way_out` is asked once, as of `start_ns`, with how the sensor is should the session die.
+        It has one of the `outputs`, as of `start_ns`.
         """
         sensor = self.sensor = engine.sensors.sensors[i]  # As it is now
         self._description = description_of(engine.scene, sea_level, sensor)
         self._status = status_of(self._description)
-        self.outbox, self._announcer = way_out(sensor, status_of(self._description), start_ns)
+        if_dead = status_of(self._description)
+        self.outbox, self._announcer = outputs.of_sensor(sensor, if_dead, start_ns)
         self._engine, self._sensors, self._i = engine, engine.sensors, i
         self._prefix = engine.scene.mqtt.prefix
-        self._sea_level, self._schedule = sea_level, schedule
-        self._totals, self._changed = totals, changed
+        self._sea_level, self._schedule = sea_level, outputs.schedule
+        self._totals, self._changed = outputs.totals, changed
         self._since_ns = 0  # Since when its keys, and what control asks of them, are so
         self._scan = self._plots = 0  # The last one that was reported, and all so far
 

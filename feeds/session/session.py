@@ -188,15 +188,6 @@ class Session:
 
         # What is due when.
         self._schedule = Schedule(clock.wake)
-        self._loop = SessionLoop[Kept](
-            clock,
-            self._schedule,
-            inputs=self.intake,
-            drain=self._drain,
-            write_later=self._write_ledger,
-            before_due=who_care(observers, "before_due"),
-        )
-        self._loop.on_input = self._input_waits
         self._hand_in = who_care(observers, "next_input_ns")
         # When the next tick is planned, and when it may be at the earliest: what is worked out
         # already was for those before.
@@ -211,8 +202,6 @@ class Session:
 
         # What goes out.
         self._reported = who_care(observers, "report")
-        keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
-        self._keep = self._loop.later if keeps_ledger else lambda _: None
         self._outputs = Outputs(
             own,
             addresses,
@@ -228,28 +217,39 @@ class Session:
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
         sea_level = own.sea_level()
-        self.sensors: Mapping[str, RunningSensor] = {
-            sensor.id: RunningSensor(
+        self._of_index = [
+            RunningSensor(
                 engine,
                 i,
-                self._outputs.of_sensor,
+                self._outputs,
                 sea_level=sea_level,
-                schedule=self._schedule,
-                totals=totals,
                 changed=who_care(observers, "settings"),
                 start_ns=self.start_ns,
             )
-            for i, sensor in enumerate(own.sensor)
+            for i in range(len(own.sensor))
+        ]
+        self.sensors: Mapping[str, RunningSensor] = {
+            sensor.sensor.id: sensor for sensor in self._of_index
         }
-        self._of_index = list(self.sensors.values())
         self._shedding = Shedding(engine.sensors, self._missed)
         self._cooperative = self._outputs.of_cooperative_drones()
         # By the index that batches have for whose sectors they hold.
         self._outboxes = [sensor.outbox for sensor in self._of_index]
         if self._cooperative is not None:
             self._outboxes.append(self._cooperative)
-        if scene.mqtt.queue.policy == "wait":
-            self._loop.wait_for(self._outputs.brokers)
+        waits = scene.mqtt.queue.policy == "wait"
+        self._loop = SessionLoop(
+            clock,
+            self._schedule,
+            inputs=self.intake,
+            on_input=self._input_waits,
+            drain=self._drain,
+            write_later=self._write_ledger,
+            before_due=who_care(observers, "before_due"),
+            waits_for=self._outputs.brokers if waits else (),
+        )
+        keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        self._keep = self._loop.later if keeps_ledger else lambda _: None
 
     # From the first connection to the last message.
 

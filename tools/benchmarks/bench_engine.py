@@ -267,7 +267,8 @@ def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
         clock,
         Schedule(clock.wake),
         inputs=NothingComesIn(),
-        drain=lambda: None,
+        on_input=lambda: None,
+        drain=lambda: asyncio.sleep(0),
         write_later=lambda _: None,
     )
     late_ns: list[int] = []

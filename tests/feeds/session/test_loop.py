@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import pytest
 from support.waiting import until
@@ -18,16 +19,22 @@ class Case:
     """A loop that writes down what it does and takes in, and when."""
 
     def __init__(
-        self, clock: Clock | None = None, before_due: Sequence[Callable[[int], object]] = ()
+        self,
+        clock: Clock | None = None,
+        before_due: Sequence[Callable[[int], object]] = (),
+        waits_for: Sequence[Any] = (),
     ) -> None:
         self.clock = clock or InstantClock(0)
         self.done: list[tuple[str, int]] = []
         self.inputs: list[str] = []
+        self.told: list[int] = []  # When something came in, after nothing waited
         self.loop = SessionLoop(
             self.clock,
             Schedule(self.clock.wake),
             inputs=self,
-            drain=lambda: None,
+            on_input=lambda: self.told.append(self.clock.now_ns()),
+            drain=lambda: asyncio.sleep(0),
+            waits_for=waits_for,
             before_due=before_due,
             write_later=lambda names: self.done.extend((n, self.clock.now_ns()) for n in names),
         )
@@ -80,7 +87,7 @@ async def test_what_can_wait_is_done_together_at_fixed_times() -> None:
 async def test_what_is_handed_in_comes_before_what_is_due_and_what_comes_in_waits_for_a_tick() -> (
     None
 ):
-    times, told = [3, 5, 6, 8], list[int]()
+    times = [3, 5, 6, 8]
 
     def again(due_ns: int) -> None:
         while times and times[0] < due_ns:
@@ -91,14 +98,13 @@ async def test_what_is_handed_in_comes_before_what_is_due_and_what_comes_in_wait
             case.come_in(str(i))
 
     case = Case(before_due=[again])
-    case.loop.on_input = lambda: told.append(case.clock.now_ns())
     case.loop.schedule.put(5, flood)
     for t in (5, 6, 7):
         case.at(t, "due")
     await case.loop.work(10)
     expected = [("again", 3), ("due", 5), ("again", 5), ("due", 6), ("again", 6), ("due", 7)]
     assert case.done == expected
-    assert (told, len(case.inputs)) == ([5], 200)
+    assert (case.told, len(case.inputs)) == ([5], 200)
 
 
 @pytest.mark.asyncio
@@ -145,7 +151,7 @@ async def test_at_the_end_only_what_was_handed_over_is_still_done(
 @pytest.mark.asyncio
 async def test_a_way_out_that_fills_up_holds_everything_until_it_has_room() -> None:
     """A stall leaves many things due at once: no more of them is done than it takes."""
-    case, held = Case(InstantClock(1_000)), list[int]()
+    held = list[int]()
 
     class Patient:
         @property
@@ -155,7 +161,7 @@ async def test_a_way_out_that_fills_up_holds_everything_until_it_has_room() -> N
         async def room(self) -> None:
             held.append(len(case.done) - sum(held))
 
-    case.loop.wait_for([Patient()])
+    case = Case(InstantClock(1_000), waits_for=[Patient()])
     for t_ns in range(10):
         case.at(t_ns, str(t_ns))
     await case.loop.work(1_000)
@@ -177,7 +183,6 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     working = asyncio.create_task(case.loop.work(None))
     await until(lambda: "ledger" in case.names)
     await until(lambda: clock.is_paused)
-    case.loop.on_input = lambda: None  # as where no tick is planned for it
     case.come_in("in")
     await until(lambda: "in" in case.names)
     case.loop.later(["later"])  # as when a broker acknowledges
