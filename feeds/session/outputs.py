@@ -14,7 +14,6 @@ from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import KeptUp, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
-from plotfeed.feeds.scene.output_keys import TrackDestination
 from plotfeed.feeds.scene.report_formats import LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -62,30 +61,33 @@ class Outputs:
         totals: SessionCounters,
         observers: Sequence[Observer],
         hold: PartHold,
+        topics: Sequence[str],
+        on_message: OnMessage,
+        will: Message,
     ) -> None:
+        """What comes on `topics`, or for a node of SAPIENT, is told by `on_message`.
+
+        `will` is what a broker is to say should the session die.
+        """
         self.udp: list[UdpTransport] = []
         if to := scene.outgoing.udp:
             from plotfeed.feeds.transport.udp import UdpTransport
 
             self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
-        # With its keys each.
-        self._of_tracks: list[tuple[TrackDestination, TrackTransport]] = []
+        self._of_tracks: list[TrackTransport] = []
         for kind in TRACK_TRANSPORTS:
             asks_when = (clock.now_ns,) if kind == "remote_id_service" else ()
             for i, keys in enumerate(getattr(scene.outgoing, kind)):
-                carrier = TRACK_TRANSPORTS[kind](keys, *asks_when, f"{kind}[{i}]")
-                self._of_tracks.append((keys, carrier))
+                self._of_tracks.append(TRACK_TRANSPORTS[kind](keys, *asks_when, f"{kind}[{i}]"))
         # All that have to be kept up, the links to brokers first, then those that others share.
         self.connected: list[KeptUp] = []
         self.brokers: list[MqttTransport] = []  # The links that a broker may hold up
         self._sapient: list[Transport] = []
         self._middleware: tuple[SapientIntake, SapientNews] | None = None
-        self._on_message: OnMessage | None = None  # Told of what comes in, over whatever connection
-        self._addresses = addresses
+        self._on_message = on_message
         self._scene, self._clock, self.schedule, self.totals = scene, clock, schedule, totals
         self._before_link = who_care(observers, "before_link")
         self._after_link = who_care(observers, "after_link")
-        self._of_session: Outbox  # There is one as soon as it is asked for
         self._of_sensor: dict[str, Outbox] = {}
         self._announcers: list[SapientAnnouncer] = []
         self._wills: dict[str, Message] = {}  # By whose they are, first that of the session
@@ -93,21 +95,14 @@ class Outputs:
         self._hold = hold
         # By the identity of what they guard: what one transport takes leaves in one write.
         self._held: dict[int, Transport] = {}
-
-    def of_session(self, topics: Sequence[str], on_message: OnMessage, will: Message) -> Outbox:
-        """The session's own: it receives what comes on those topics. Asked for before any other.
-
-        `will` is what a broker is to say should the session die.
-        """
-        self._on_message = on_message
-        for to in self._addresses:
-            link = self._hold.link(
-                to,
+        for address in addresses:
+            link = hold.link(
+                address,
                 topics,
                 on_message,
                 on_connect=self._announce_again,
-                queue=self._scene.mqtt.queue,
-                on_echo=None if to.ends_with_us else self.totals.echoed,
+                queue=scene.mqtt.queue,
+                on_echo=None if address.ends_with_us else totals.echoed,
             )
             self.brokers.append(link)
         self.connected.extend(self.brokers)
@@ -116,15 +111,15 @@ class Outputs:
                 self._wills[SESSION] = will
                 from plotfeed.feeds.transport.mqtt.client import LastWills
 
-                is_back, stem = partial(self._is_back, link), self._hold.client_id
+                is_back, stem = partial(self._is_back, link), hold.client_id
                 wills = LastWills(link, self._wills, is_back, stem=stem, prompt=SESSION)
                 self._last_wills.append(wills)
                 self.connected.append(wills)
-        self.connected.extend(transport for _, transport in self._of_tracks)
-        self._of_session = Outbox(
-            self._clock, [self._guarded(link) for link in self.brokers], after_link=self._after_link
+        self.connected.extend(self._of_tracks)
+        # The session's own.
+        self.of_session = Outbox(
+            clock, [self._guarded(link) for link in self.brokers], after_link=self._after_link
         )
-        return self._of_session
 
     def _guarded(self, transport: Transport) -> Transport:
         """What takes nothing while another process may have the part that is run."""
@@ -179,7 +174,7 @@ class Outputs:
             intake=intake,
             news=news,
             counters=node,
-            on_task=self._on_message and partial(self._on_message, announcer.inbox),
+            on_task=partial(self._on_message, announcer.inbox),
         )
 
     def of_cooperative_drones(self) -> Outbox | None:
@@ -190,7 +185,7 @@ class Outputs:
 
     async def drain(self, timeout_s: float) -> None:
         """Wait until the sockets have taken everything, or the time is up."""
-        transports = [*self.brokers, *self._sapient, *self.udp, *(to for _, to in self._of_tracks)]
+        transports = [*self.brokers, *self._sapient, *self.udp, *self._of_tracks]
         await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
 
     def forget_wills(self) -> None:
@@ -210,8 +205,7 @@ class Outputs:
                 self._guarded(each)
                 for each in (
                     *transports,
-                    *(udp for udp in self.udp if udp.settings.takes(name)),
-                    *(transport for keys, transport in self._of_tracks if keys.takes(name)),
+                    *(each for each in (*self.udp, *self._of_tracks) if each.settings.takes(name)),
                 )
             ],
             schedule=self.schedule,
@@ -230,16 +224,16 @@ class Outputs:
         now_ns = self._clock.now_ns()
         anew = [message for each in self._announcers for message in each.opening(now_ns)]
         said_anew = {message.topic for message in anew}
-        for outbox in (self._of_session, *self._of_sensor.values()):
+        for outbox in (self.of_session, *self._of_sensor.values()):
             for topic, message in outbox.retained.items():
                 if topic not in said_anew:
                     link.publish([message.again(outbox, 1)])
         for message in anew:
-            link.publish([message.again(self._of_session, 1)])
+            link.publish([message.again(self.of_session, 1)])
 
     def _is_back(self, link: MqttTransport, whose: str) -> None:
         """Say again how a sensor, or the session, is: the broker has published its last will."""
-        outbox = self._of_session if whose == SESSION else self._of_sensor[whose]
+        outbox = self.of_session if whose == SESSION else self._of_sensor[whose]
         topic = self._wills[whose].topic
         if topic in outbox.retained:
             link.publish([outbox.retained[topic].again(outbox, 1)])

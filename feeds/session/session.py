@@ -202,6 +202,9 @@ class Session:
 
         # What goes out.
         self._reported = who_care(observers, "report")
+        self._presence = SessionPresence(own, clock, totals, self._publish, part=part, hold=hold)
+        topics = [*engine.topics, self._presence.topic, *self._tracker_topics]
+        topics += self._mapped.topics if self._mapped else []
         self._outputs = Outputs(
             own,
             addresses,
@@ -210,12 +213,11 @@ class Session:
             totals=totals,
             observers=observers,
             hold=hold,
+            topics=topics,
+            on_message=self._hear,
+            will=self._presence.will(self.start_ns),
         )
-        self._presence = SessionPresence(own, clock, totals, self._publish, part=part, hold=hold)
-        topics = [*engine.topics, self._presence.topic, *self._tracker_topics]
-        topics += self._mapped.topics if self._mapped else []
-        will = self._presence.will(self.start_ns)
-        self._outbox = self._outputs.of_session(topics, self._hear, will)
+        self._outbox = self._outputs.of_session
         sea_level = own.sea_level()
         self._of_index = [
             RunningSensor(

@@ -46,7 +46,7 @@ class ListeningTransport(ImmediateTransport):
     def __init__(self, settings: ListeningDestination, key: str, scheme: str) -> None:
         """`key` is the destination's place in the scene, `scheme` that of its address."""
         self.name = f"{key} {scheme}://{bracketed(settings.host)}:{settings.port}"
-        self.settings = settings
+        self.settings, self._carried = settings, settings.content_type
         self._key = key
         self._is_up = asyncio.Event()
         self._error: TransportError | None = None
@@ -62,7 +62,7 @@ class ListeningTransport(ImmediateTransport):
 
     def carries(self, message: Message) -> bool:
         """Whether it is of the format that goes there."""
-        return message.content_type == self.settings.content_type
+        return message.content_type == self._carried
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once it listens; raises `TransportError` if it cannot."""

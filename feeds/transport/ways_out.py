@@ -76,9 +76,8 @@ class QueuedTransport:
 
     def __init__(self, settings: QueuedDestination, name: str, *, retries: int | None) -> None:
         """`retries` of a message, None for as long as it is not too old to wait."""
-        self.name = name
+        self.name, self.settings = name, settings
         self._carried = settings.content_type
-        self._limit = settings.queue_messages
         self._retries = retries
         self._queue: deque[Message] = deque()
         self._filled = asyncio.Event()
@@ -106,7 +105,7 @@ class QueuedTransport:
             if not self.carries(one):
                 one.settle(delivered=None)
                 continue
-            if len(self._queue) >= self._limit:
+            if len(self._queue) >= self.settings.queue_messages:
                 self._queue.popleft().settle(delivered=False, to=self.name)
             self._queue.append(one)
             self._filled.set()
