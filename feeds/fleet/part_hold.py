@@ -369,8 +369,8 @@ class _PartLink(MqttTransport):
     """The link of a part: under the part's client id, and only where this process has the part."""
 
     def __init__(self, address: BrokerAddress, hold: BrokerHold, **how: Any) -> None:
-        super().__init__(address, hold.client_id, **how)
-        self._client_id, self._hold = hold.client_id, hold
+        super().__init__(address, hold.client_id, client_id=hold.client_id, **how)
+        self._hold = hold
 
     async def _connect(self) -> MqttConnection:
         before, topic = self.last_error, self._hold.source

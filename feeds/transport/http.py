@@ -134,7 +134,6 @@ class HttpTransport(QueuedTransport):
         super().__init__(
             settings, f"{key} {parts.scheme}://{parts.netloc}{parts.path}", retries=settings.retries
         )
-        self._timeout_s = settings.timeout_s
         tls = None
         if parts.scheme == "https":
             ca_file = None if settings.ca_file is None else Path(settings.ca_file)
@@ -150,7 +149,7 @@ class HttpTransport(QueuedTransport):
         kind = message.content_type.partition(";")[0]
         fields = [f"Content-Type: {kind}", f"Content-Length: {len(message.payload)}"]
         status, _ = await self._server.ask(
-            "POST", fields, message.payload, timeout_s=self._timeout_s, most=MAX_BODY_OCTETS
+            "POST", fields, message.payload, timeout_s=self.settings.timeout_s, most=MAX_BODY_OCTETS
         )
         if 200 <= status < 300:
             return

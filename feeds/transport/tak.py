@@ -24,7 +24,6 @@ class TakTransport(QueuedTransport):
         """`key` is the destination's place in the scene; raises `AccessError`."""
         super().__init__(settings, f"{key} {settings.server}", retries=None)
         scheme, self._host, self._port = split_server(settings.server)
-        self._timeout_s = settings.timeout_s
         self._server_name = settings.server_name
         self._tls: ssl.SSLContext | None = None
         if scheme == "tls":
@@ -39,7 +38,7 @@ class TakTransport(QueuedTransport):
     async def send(self, message: Message) -> None:
         """Write an event, on a new connection where there is none; raises `SendError`."""
         try:
-            async with within(self._timeout_s, "it has not read for"):
+            async with within(self.settings.timeout_s, "it has not read for"):
                 writer = self._writer or await self._connected()
                 writer.write(message.payload)
                 await writer.drain()

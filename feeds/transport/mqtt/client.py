@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from functools import partial
 from typing import Self
 from uuid import uuid4
 
@@ -58,6 +59,7 @@ class MqttTransport:
         on_connect: Callable[[MqttTransport], None] | None = None,
         queue: MqttQueueKeys | None = None,
         on_echo: Callable[[bool], object] | None = None,
+        client_id: str | None = None,
     ) -> None:
         """`on_echo` is told of samples of what is published whether they come back."""
         if address.tls:
@@ -66,12 +68,17 @@ class MqttTransport:
         self.name = name
         self.connections = 0
         self.last_error = ""  # Why the last attempt to connect failed
-        self._client_id = f"{name}-{uuid4().hex[:8]}"
-        self._subscribe = subscribe
-        self._on_message = on_message
-        self._on_received = on_received
-        self._on_connect = on_connect
+        self._subscribe, self._on_connect = subscribe, on_connect
         self._echo = None if on_echo is None else OwnEcho(address, subscribe, on_echo)
+        self._new_connection = partial(
+            MqttConnection,
+            address,
+            client_id=client_id or f"{name}-{uuid4().hex[:8]}",
+            on_room=self._has_room_again,
+            on_message=on_message,
+            on_received=on_received,
+            echo=self._echo,
+        )
         self._versions = address.versions
         # There has been a connection, or it is known that there will be none.
         self._settled = asyncio.Event()
@@ -293,15 +300,7 @@ class MqttTransport:
         """One attempt with each version that may be spoken; raises `MqttError`."""
         error = no_answer()
         for version in self._versions:
-            connection = MqttConnection(
-                self.address,
-                version,
-                self._client_id,
-                on_room=self._has_room_again,
-                on_message=self._on_message,
-                on_received=self._on_received,
-                echo=self._echo,
-            )
+            connection = self._new_connection(version=version)
             last = version == self._versions[-1]
             try:
                 await connection.open(CONNECT_TIMEOUT_S if last else OTHER_VERSION_AFTER_S)
