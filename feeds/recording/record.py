@@ -392,8 +392,14 @@ async def show_live(
             else:
                 lines.put_nowait(line)
 
+    async def print_lines() -> None:
+        printed = 0
+        while count is None or printed < count:
+            say(await lines.get())
+            printed += 1
+
     async with source.receiving(receive):
-        printing = asyncio.create_task(_print(lines, count), name="print")
+        printing = asyncio.create_task(print_lines(), name="print")
         with stopped_by_signals(printing.cancel) as signals:
             await asyncio.wait({printing}, timeout=duration_s)
         printing.cancel()
@@ -401,10 +407,3 @@ async def show_live(
     if dropped:
         say(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
     return INTERRUPTED if signal.SIGINT in signals else 0
-
-
-async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
-    printed = 0
-    while count is None or printed < count:
-        say(await lines.get())
-        printed += 1

@@ -157,7 +157,12 @@ class ReplayReader:
                 yield items
             if self.laps is None and first_ns is not None and self.begin_ns is not None:
                 period_ns = lap_period_ns(self.begin_ns, first_ns, last_ns, number)
-                self.laps = Laps(begin_ns=self.begin_ns, period_ns=self._bounded(period_ns))
+                stands_at_ns = self._settings.stands_at_ns
+                if stands_at_ns is not None:
+                    period_ns = max(period_ns, stands_at_ns + 1 - self.begin_ns)
+                elif end_ns is not None:
+                    period_ns = min(period_ns, end_ns - self.begin_ns)
+                self.laps = Laps(begin_ns=self.begin_ns, period_ns=period_ns)
             if self.laps is None or (from_ns is None and first_ns is None):
                 return
             lap, from_ns = lap + 1, None
@@ -192,13 +197,6 @@ class ReplayReader:
         # What begins before the recording begins with it.
         start_ns = None if start is None else max(start.at(first_ns), first_ns)
         return start_ns, None if end is None else end.at(first_ns)
-
-    def _bounded(self, period_ns: int) -> int:
-        """The time from lap to lap, where the settings say when a lap ends."""
-        begin_ns, (_, end_ns) = self.begin_ns or 0, self._bounds or (None, None)
-        if self._settings.stands_at_ns is not None:
-            return max(period_ns, self._settings.stands_at_ns + 1 - begin_ns)
-        return period_ns if end_ns is None else min(period_ns, end_ns - begin_ns)
 
 
 # Messages, and what they hold, that wait before no more are read.

@@ -289,7 +289,10 @@ def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:
     name = next(name for name, each in topics.items() if each is rows)
     reference = options.altitude_reference or AltitudeReference.MEAN_SEA_LEVEL
     log.state(f"height in metres, above mean sea level: topic {name}")
-    offset_ns, fixed_us = _clock_ns(receiver, options, log), _first_fix_us(receiver)
+    offset_ns, fixed_us = _clock_ns(receiver, options, log), 0
+    if receiver is not None and "fix_type" in receiver:  # when it first had three dimensions
+        fixed = receiver["timestamp"][receiver["fix_type"] >= FIX_3D]
+        fixed_us = int(fixed[0]) if len(fixed) else 2**63
     times_us = rows["timestamp"]
     latitude, longitude, altitude = _positions(rows)
     velocity, accuracies = _velocity(rows), _accuracies(rows)
@@ -353,11 +356,3 @@ def _clock_ns(receiver: Rows | None, options: FlightOptions, log: Log) -> int:
         )
     log.assume("the log has no UTC: its clock, since boot, begins at the start")
     return options.start_utc_ns
-
-
-def _first_fix_us(receiver: Rows | None) -> int:
-    """When the receiver first had a three-dimensional fix, by the log's clock."""
-    if receiver is None or "fix_type" not in receiver:
-        return 0
-    fixed = np.flatnonzero(receiver["fix_type"] >= FIX_3D)
-    return int(receiver["timestamp"][fixed[0]]) if len(fixed) else 2**63

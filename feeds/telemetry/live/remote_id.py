@@ -44,8 +44,13 @@ def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
         if math.isnan(altitude_m) or location.is_over_ground:
             detail = "no height above the ellipsoid, and none above take-off"
             raise Refused(Reason.ALTITUDE, detail)
+    t_utc_ns, half = now_utc_ns, HOUR_NS // 2
+    if not math.isnan(location.past_hour_s):  # the nearest, unless that is far off
+        past_hour_ns = round(location.past_hour_s * NS)
+        since_ns = (past_hour_ns - now_utc_ns + half) % HOUR_NS - half
+        t_utc_ns += since_ns if abs(since_ns) <= OFF_NS else 0
     return PositionReport(
-        t_utc_ns=past_hour_ns(location.past_hour_s, now_utc_ns),
+        t_utc_ns=t_utc_ns,
         latitude_deg=location.latitude_deg,
         longitude_deg=location.longitude_deg,
         altitude_m=altitude_m,
@@ -55,15 +60,6 @@ def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
         vertical_accuracy_m=location.vertical_accuracy_m,
         velocity_accuracy_m_s=location.speed_accuracy_m_s,
     )
-
-
-def past_hour_ns(past_hour_s: float, now_utc_ns: int) -> int:
-    """UTC of so many seconds past an hour: the nearest; now where it is unknown or far off."""
-    if math.isnan(past_hour_s):
-        return now_utc_ns
-    half = HOUR_NS // 2
-    since_ns = (round(past_hour_s * NS) - now_utc_ns + half) % HOUR_NS - half
-    return now_utc_ns + since_ns if abs(since_ns) <= OFF_NS else now_utc_ns
 
 
 class RemoteIdReports(Listener):
