@@ -255,8 +255,11 @@ async def test_who_wakes_up_when_another_has_its_part_ends_and_takes_nothing_bac
 
 
 @pytest.mark.asyncio
-async def test_who_joins_late_has_told_what_is_missing_before_it_runs(tmp_path: Path) -> None:
+async def test_who_joins_late_has_told_what_is_missing_before_it_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """So that it is known even if that process dies at once."""
+    monkeypatch.setattr(part_hold, "LEASE_S", PATIENCE_S)  # a machine that stalls loses no lease
     async with a_part(tmp_path) as part:
         await asyncio.sleep(1.0)
         part.another()
