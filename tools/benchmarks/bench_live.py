@@ -21,13 +21,11 @@ from aims import YARDSTICK, ratios, spread, yardstick_us
 from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 from support.brokers import free_port
 from support.scene_files import radar, scene_text
+from support.sessions import at_work
 
 from plotfeed.feeds.scene.scene import Scene, parsed
-from plotfeed.feeds.session.observer import Observer
-from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.feeds.timing.clock import WallClock
 
 NS = 1_000_000_000
 NOW_NS = 1_767_268_800 * NS
@@ -86,17 +84,6 @@ def show_costs() -> None:
     print(f"| a yardstick in messages | {spread(ratios(yardstick, mine), ',.0f')} |")
 
 
-class _Watch(Observer):
-    """Knows the session, and when it begins."""
-
-    def __init__(self) -> None:
-        self.begins = asyncio.Event()
-
-    def begun(self, session: Session) -> None:  # type: ignore[override]
-        self.totals = session.totals
-        self.begins.set()
-
-
 def scene(port: int) -> Scene:
     """A staring radar that sees all there is, and nothing that is not."""
     seeing = (
@@ -111,26 +98,21 @@ def scene(port: int) -> Scene:
 
 async def latencies_s(trials: int) -> list[float]:
     """From the first packet of a new drone to the first plot."""
-    port, stop, watch, found = free_port(), asyncio.Event(), _Watch(), list[float]()
-    running = asyncio.create_task(
-        run(scene(port), clock=WallClock(), broker="none", stop=stop, observers=[watch])
-    )
-    await watch.begins.wait()
+    port, found = free_port(), list[float]()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for trial in range(trials):
-            await asyncio.sleep(3 * STALE_S + 1.0 + trial * 0.0137)  # at any part of a period
-            before, began_s = watch.totals.plots, time.monotonic()
-            boot_ms = 1000
-            while watch.totals.plots == before and time.monotonic() < began_s + 5:
-                sender.sendto(frames(1 + trial, boot_ms)[0], ("127.0.0.1", port))
-                boot_ms += 20
-                for _ in range(20):
-                    await asyncio.sleep(0.001)
-                    if watch.totals.plots != before:
-                        break
-            found.append(time.monotonic() - began_s)
-    stop.set()
-    await running
+        async with at_work(scene(port), None) as session:
+            for trial in range(trials):
+                await asyncio.sleep(3 * STALE_S + 1.0 + trial * 0.0137)  # at any part of a period
+                before, began_s = session.totals.plots, time.monotonic()
+                boot_ms = 1000
+                while session.totals.plots == before and time.monotonic() < began_s + 5:
+                    sender.sendto(frames(1 + trial, boot_ms)[0], ("127.0.0.1", port))
+                    boot_ms += 20
+                    for _ in range(20):
+                        await asyncio.sleep(0.001)
+                        if session.totals.plots != before:
+                            break
+                found.append(time.monotonic() - began_s)
     return found
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, mosquitto
 from support.scene_files import radar, scene_file, scene_text
+from support.sessions import at_work
 from support.waiting import until
 
 from plotfeed.feeds.lab.track_reports import read_tracks
@@ -34,10 +34,6 @@ TRACK = {"track": 7, "latitude_deg": 40.45, "longitude_deg": -3.73}
 class Followed(Observer):
     def __init__(self) -> None:
         self.heard: list[bytes] = []
-        self.begins = asyncio.Event()
-
-    def begun(self, _session: object) -> None:
-        self.begins.set()
 
     def tracked(self, _topic: str, payload: bytes, *_: object) -> None:
         self.heard.append(payload)
@@ -47,27 +43,22 @@ class Followed(Observer):
 async def test_tracks_are_in_the_record_and_are_no_telemetry(tmp_path: Path) -> None:
     port, path = free_port(), tmp_path / "there.mcap"
     text = scene_text(sensors=radar(), port=port) + f'[page]\ntracks_topic = "{TOPIC}"\n'
-    scene, stop, watch = load(scene_file(tmp_path, text)), asyncio.Event(), Followed()
+    scene, watch = load(scene_file(tmp_path, text)), Followed()
     clock = WallClock()
     with (
         mosquitto(tmp_path, port),
         Recorder(path, attachments=attachments_of(scene, clock.now_ns())) as recorder,
     ):
-        observers = [SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth), watch]
-        running = asyncio.create_task(
-            run(scene, clock=clock, broker=f"mqtt://127.0.0.1:{port}", stop=stop,
-                observers=observers)
-        )  # fmt: skip
-        await watch.begins.wait()
-        with MqttReceiver(port, 4) as client:
+        recording = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
+        async with at_work(scene, port, recording, watch, clock=clock) as session:
+            with MqttReceiver(port, 4) as client:
 
-            def is_heard() -> bool:
-                client.publish(TOPIC, json.dumps(TRACK).encode())
-                return bool(watch.heard)
+                def is_heard() -> bool:
+                    client.publish(TOPIC, json.dumps(TRACK).encode())
+                    return bool(watch.heard)
 
-            await until(is_heard)
-        stop.set()
-        totals = await running
+                await until(is_heard)
+        totals = session.totals
     assert (totals.telemetry, totals.refused) == (0, 0)
     with McapReader(path) as log:
         messages = list(log.messages(topics={TOPIC}))

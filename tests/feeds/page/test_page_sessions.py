@@ -11,6 +11,7 @@ import pytest
 from support.brokers import free_port, mosquitto
 from support.every_kind import FAR_SENSORS
 from support.page_updates import Frame, read_frame
+from support.sessions import at_work
 from support.waiting import until
 
 from plotfeed import testing
@@ -22,7 +23,6 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, Tap
-from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
@@ -63,27 +63,16 @@ class Show:
         self, duration_s: float | None = None, act: Callable[[Show], Any] | None = None
     ) -> None:
         """For so long, or until all is acted."""
-        stop = asyncio.Event()
         tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
         observers = [Tap(tap), self.observer, *self.others]
-        async with alongside(self.observer.follow(), "page-follow"):
-            session = asyncio.create_task(
-                run(
-                    self._scene,
-                    clock=self._clock,
-                    broker="none",
-                    duration_s=duration_s,
-                    stop=stop,
-                    observers=observers,
-                )
-            )
+        async with (
+            alongside(self.observer.follow(), "page-follow"),
+            at_work(self._scene, None, *observers, clock=self._clock, duration_s=duration_s),
+        ):
             if act is not None:
                 await self.until(lambda: self.frames and "scene" in self.news)
                 await act(self)
-            if duration_s is None:
-                stop.set()
-            await session
-            self.look()
+        self.look()
 
     def look(self) -> Frame:
         update = self.view.update(self.observer.now_utc_ns(), self.observer.now_utc_ns() / 1e9)

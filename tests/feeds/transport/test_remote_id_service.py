@@ -13,6 +13,7 @@ import pytest
 from support.brokers import free_port
 from support.deliveries import taken
 from support.own_time import LoopClock, in_own_time
+from support.sessions import at_work
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
@@ -126,9 +127,8 @@ def made(port: int) -> Scene:
 
 @in_own_time
 async def test_another_session_follows_the_tracks_of_one_by_asking() -> None:
-    port, stop, clock = free_port(), asyncio.Event(), LoopClock()
+    port, clock = free_port(), LoopClock()
     what = made(port)
-    running = asyncio.create_task(run(what, clock=clock, broker="none", stop=stop))
     site = what.scene.site
     corners = (-0.02, -0.02, 0.02, 0.02)
     here = (site.latitude_deg, site.longitude_deg) * 2
@@ -141,11 +141,9 @@ async def test_another_session_follows_the_tracks_of_one_by_asking() -> None:
         refuse=lambda _name, _refused: None,
     )
     await source.open()
-    async with kept_up(source.run()):
-        await until(lambda: bool(heard) or running.done())
+    async with at_work(what, None, clock=clock), kept_up(source.run()):
+        await until(lambda: heard)
     source.close()
-    stop.set()
-    await running
     name, report = heard[0]
     assert name == "radar-1"
     assert report.latitude_deg == pytest.approx(site.latitude_deg, abs=0.02)
