@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import statistics
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from aims import aim, spread
+from aims import aim, cpu_s, spread
 from support import made_up_session
 from support.chromium import OPTIONS
 from support.tools import place_of
@@ -31,7 +30,6 @@ RUNS = 3
 VIEWERS = 50
 AIMS_FPS, AIM_UPDATES, AIM_PAINT_MS = {500: 55.0, 2_000: 50.0}, 9.5, 500.0
 AIM_SERVER_PERCENT, AIM_CROWD_PERCENT = 5.0, 15.0
-CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 
 def crowded(drones: int) -> Scene:
@@ -48,59 +46,37 @@ def crowded(drones: int) -> Scene:
 
 
 async def serve(drones: int, *, with_page: bool) -> None:
-    """A child: the stage, with the page or without, until its input ends; tells its CPU time."""
+    """A child: the stage, with the page or without, until somebody ends it."""
     view = View() if with_page else None
     stage = made_up_session.MadeUpSession(view, crowded(drones))
-    reader = asyncio.StreamReader()
-    await asyncio.get_running_loop().connect_read_pipe(
-        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
-    )
-    playing = asyncio.create_task(stage.run())
     async with contextlib.AsyncExitStack() as stack:
         if view is not None:
             page = serving(PageAddress("127.0.0.1", 0), view, stage, lambda: stage.now_ns)
             print((await stack.enter_async_context(page)).url, flush=True)
-        while await reader.readline():
-            print(time.process_time(), flush=True)
-        playing.cancel()
+        await stage.run()
 
 
 @contextlib.contextmanager
-def child(drones: int, *, with_page: bool) -> Iterator[subprocess.Popen[str]]:
-    """That child."""
+def child(drones: int, *, with_page: bool) -> Iterator[tuple[int, str]]:
+    """The number of that child's process, and the address of its page, if it has one."""
     mode = "page" if with_page else "bare"
-    process = subprocess.Popen(
-        [sys.executable, __file__, "--serve", mode, str(drones)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        assert process.stdin
-        process.stdin.close()
-        process.wait(10)
-
-
-def cpu_s(process: subprocess.Popen[str]) -> float:
-    """What the child has used so far."""
-    assert process.stdin
-    assert process.stdout
-    process.stdin.write("\n")
-    process.stdin.flush()
-    return float(process.stdout.readline())
+    words = [sys.executable, __file__, "--serve", mode, str(drones)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout
+            yield process.pid, process.stdout.readline().strip() if with_page else ""
+        finally:
+            process.terminate()
 
 
 def browser_cpu_s() -> float:
     """What all processes of the browser have used so far."""
-    total = 0
-    for stat in Path("/proc").glob("[0-9]*/stat"):
+    total_s = 0.0
+    for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            name, _, rest = stat.read_text().partition(") ")
-            if "chrom" in name:
-                total += sum(int(x) for x in rest.split()[11:13])
-    return total * CLOCK_TICK_S
+            if "chrom" in (process / "comm").read_text():
+                total_s += cpu_s(int(process.name))
+    return total_s
 
 
 def measured(drones: int) -> dict[str, float]:
@@ -112,12 +88,10 @@ def measured(drones: int) -> dict[str, float]:
 
     found: dict[str, float] = {}
     with (
-        child(drones, with_page=False) as bare,
-        child(drones, with_page=True) as process,
+        child(drones, with_page=False) as (bare, _),
+        child(drones, with_page=True) as (served, url),
         sync_playwright() as playwright,
     ):
-        assert process.stdout
-        url = process.stdout.readline().strip()
         path = place_of("chromium")
         assert path, "no Chromium is installed"
         browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
@@ -126,9 +100,9 @@ def measured(drones: int) -> dict[str, float]:
         page.goto(url)
         page.get_by_role("button", name="Truth").click()
         page.wait_for_timeout(WARM_UP_S * 1000)
-        before = counts(page), cpu_s(process), cpu_s(bare), browser_cpu_s(), time.monotonic()
+        before = counts(page), cpu_s(served), cpu_s(bare), browser_cpu_s(), time.monotonic()
         page.wait_for_timeout(MEASURED_S * 1000)
-        after = counts(page), cpu_s(process), cpu_s(bare), browser_cpu_s(), time.monotonic()
+        after = counts(page), cpu_s(served), cpu_s(bare), browser_cpu_s(), time.monotonic()
         served_s, bare_s, browser_s, passed_s = (
             b - a for a, b in zip(before[1:], after[1:], strict=True)
         )
@@ -160,14 +134,15 @@ async def watch(url: str) -> None:
 def crowd_percent() -> float:
     """What so many viewers cost the server of the smaller scene, percent of a core."""
     drones = SIZES[0][0]
-    with child(drones, with_page=False) as bare, child(drones, with_page=True) as process:
-        assert process.stdout
-        url = process.stdout.readline().strip()
+    with (
+        child(drones, with_page=False) as (bare, _),
+        child(drones, with_page=True) as (served, url),
+    ):
         viewers = subprocess.Popen([sys.executable, __file__, "--watch", url])
         time.sleep(WARM_UP_S)
-        before = cpu_s(process), cpu_s(bare), time.monotonic()
+        before = cpu_s(served), cpu_s(bare), time.monotonic()
         time.sleep(MEASURED_S)
-        after = cpu_s(process), cpu_s(bare), time.monotonic()
+        after = cpu_s(served), cpu_s(bare), time.monotonic()
         viewers.kill()
         viewers.wait()
     served_s, bare_s, passed_s = (b - a for a, b in zip(before, after, strict=True))

@@ -22,7 +22,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,7 @@ from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.proto.utc import iso_utc
 from plotfeed.testing import MqttReceiver, radar, staring
 
 PICTURE = Path(__file__).parents[2] / "docs" / "scaling.png"
@@ -129,6 +129,8 @@ def point(series: str, n: int) -> dict[str, Any]:
             fleet = subprocess.Popen([sys.executable, __file__, "fly", str(port), str(n)])
             stack.callback(fleet.wait)
             stack.callback(fleet.kill)
+            with MqttReceiver(port, 5, "plotfeed/telemetry/+") as ears:
+                ears.wait_for(lambda _: True)  # the session is to have them from its beginning
         profile = stack.enter_context(ExitStack())
         meter = Meter(profile)
         stack.enter_context(undisturbed(GARBAGE_OF_SESSION))
@@ -159,10 +161,10 @@ def fly(port: int, n: int) -> None:
     next_s = time.monotonic()
     while True:
         t_ns = time.time_ns()
-        at = datetime.fromtimestamp(t_ns // 10**9, UTC)
-        time_utc = f"{at:%Y-%m-%dT%H:%M:%S}.{t_ns % 10**9:09d}Z"
         east_deg = 0.02 * math.sin(t_ns / 2e10)
-        head = f'{{"time_utc":"{time_utc}","altitude_m":900.0,"altitude_reference":"ELLIPSOID",'
+        head = (
+            f'{{"time_utc":"{iso_utc(t_ns)}","altitude_m":900.0,"altitude_reference":"ELLIPSOID",'
+        )
         client.publish_all(
             (f"plotfeed/telemetry/d{i}",
              f'{head}"latitude_deg":{latitude:.7f},"longitude_deg":{-3.73 + east_deg + more:.7f}}}'

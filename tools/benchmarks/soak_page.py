@@ -12,7 +12,6 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
 
 from bench_page import WINDOW, child
@@ -59,9 +58,7 @@ def rows(page: Page) -> str:
 def main() -> None:
     """Measure, print and write."""
     minutes = int(sys.argv[1]) if sys.argv[1:] else MINUTES
-    with child(DRONES, with_page=True) as process, sync_playwright() as playwright:
-        assert process.stdout
-        url = process.stdout.readline().strip()
+    with child(DRONES, with_page=True) as (served, url), sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=place_of("chromium"), args=list(OPTIONS)
         )
@@ -76,8 +73,7 @@ def main() -> None:
         for minute in range(minutes + 1):
             pages[0].wait_for_timeout(max(0.0, began_s + 60 * minute + 10 - time.monotonic()) * 1e3)
             lines.append(
-                f"| {minute} | {rss_mib(process.pid):.1f} | {heap_mib(session):.2f} "
-                f"| {rows(pages[0])} |"
+                f"| {minute} | {rss_mib(served):.1f} | {heap_mib(session):.2f} | {rows(pages[0])} |"
             )
             print(lines[-1], flush=True)
         browser.close()

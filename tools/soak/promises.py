@@ -23,7 +23,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 sys.path.extend(
-    str(Path(__file__).parents[2] / room) for room in ("tools", "tests", "docs/commands")
+    str(Path(__file__).parents[2] / room)
+    for room in ("tools", "tests", "docs/commands", "tools/benchmarks")
 )
 
 from fuzz.first_seeds import seeds_of

@@ -32,9 +32,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.extend(str(Path(__file__).parents[2] / room) for room in ("tests", "tools/benchmarks"))
 
 import numpy as np
+from aims import cpu_s
 from prometheus_client.parser import text_string_to_metric_families
 from soak_page import write_page
 from soak_scene import KEPT_MESSAGES, Load, everything, many_radars, reported
@@ -244,12 +245,10 @@ def of_process(pid: int) -> dict[str, float]:
     status = dict(
         line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines()
     )
-    # Of fields 14 and 15, counted from after the name, which may hold blanks; see proc(5).
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return {
         "rss_mb": int(status["VmRSS"].split()[0]) * 1024 / 1e6,
         "own_mb": int(status["RssAnon"].split()[0]) * 1024 / 1e6,
-        "cpu_s": (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"),
+        "cpu_s": cpu_s(pid),
         "threads": int(status["Threads"]),
         "descriptors": sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir()),
     }

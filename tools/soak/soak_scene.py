@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-import random
 import tomllib
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from bench_engine import radars
+from bench_engine import scene_text as scene_of
+
 from plotfeed.feeds.testing.built_scene import toml_of
+from plotfeed.proto.utc import iso_utc
 from plotfeed.testing import radar, rotating
 
 SECTION_4 = Path(__file__).parents[2] / "feeds" / "scene" / "examples" / "section-4.toml"
@@ -86,32 +88,13 @@ def scene_text() -> str:
     return toml_of(tree)
 
 
-def radars_text(number: int) -> str:
-    """So many radars of 32 sectors at 1 Hz in step, in a square of 6 km, and no drone."""
-    rng = random.Random(2)  # noqa: S311 - no secret
-    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
-    sensors = [
-        radar(
-            id=f"r{i}",
-            scan=rotating(1.0, 32),
-            report=["asterix-048"],
-            pfa=1e-8,
-            position_enu_m=[rng.uniform(-3000, 3000), rng.uniform(-3000, 3000), 0.0],
-        )
-        for i in range(number)
-    ]
-    tree = {"scene": {"name": "radars", "seed": 1, "site": site}, "sensor": sensors}
-    return toml_of(tree)
-
-
 def reported(drone: int, t_utc_ns: int) -> bytes:
     """A report of a drone that flies in a circle, 1 to 9 km wide."""
     radius_deg = 0.01 + 0.004 * (drone % 18)
     angle = t_utc_ns / 1e9 * 20.0 / (radius_deg * 111_000) + drone
-    at = datetime.fromtimestamp(t_utc_ns // 10**9, UTC)
     return json.dumps(
         {
-            "time_utc": f"{at:%Y-%m-%dT%H:%M:%S}.{t_utc_ns % 10**9:09d}Z",
+            "time_utc": iso_utc(t_utc_ns),
             "latitude_deg": 40.45 + radius_deg * math.cos(angle),
             "longitude_deg": -3.73 + radius_deg * math.sin(angle) / 0.76,
             "altitude_m": 900.0,
@@ -149,7 +132,7 @@ def everything() -> Load:
 def many_radars(number: int) -> Load:
     """There is much of it, and all goes well."""
     return Load(
-        scene=radars_text(number),
+        scene=scene_of(radars(number), 0),
         drones=50,
         telemetry_hz=10.0,
         garbage_every=0,
