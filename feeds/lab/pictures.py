@@ -13,7 +13,7 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import NO_DATE, save_figure
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.lab.runs import SweepLevel
+from plotfeed.feeds.scene.levels import SweepLevel
 from plotfeed.models.verdicts import Interval
 
 DPI = 110

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,8 +15,8 @@ from plotfeed.feeds.lab.flights import Truths
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, is_place
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.models.frames import LocalFrame, distance_m, ecef_to_geodetic, geodetic_to_ecef
-from plotfeed.models.report_errors import ReportErrors, report_figures
 from plotfeed.models.state import Bools, Floats, Ints
+from plotfeed.models.track_figures import ReportErrors, report_figures, set_figures
 from plotfeed.models.track_metrics import (
     GROUND,
     NOBODY,
@@ -36,12 +36,10 @@ from plotfeed.models.track_metrics import (
     on_grid,
     rates,
     rates_by_differences,
-    right_identities,
     segments_of,
     stays_of,
     stretches,
     survival_quantile,
-    swaps_of,
     true_states,
     walk,
 )
@@ -677,66 +675,14 @@ class _Beside:
 def _set_figures(
     field: _Field, reports: UsableReports, rows: GridRows, walked: Walked
 ) -> tuple[Figures, dict[str, FigureSamples], Segments]:
-    """Figures of sets over steps at which there was any drone or track, and what they are of.
-
-    With them the stretches of steps over which tracks are of drones.
-    """
-    how = field.how
-    steps, assigned = walked.steps, walked.assigned
-    segments = segments_of(assigned.track, assigned.drone, assigned.step, how.end_steps)
-    some = np.flatnonzero((steps.drones > 0) | (steps.tracks > 0))
-    count, order, power = len(some), len(field.there), 1.0 / how.order
-    windows = walked.window_parts
-
-    def of(parts: Any, wholes: Any, power: float = 1.0, **how: Any) -> FigureSamples:
-        rows = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
-        return FigureSamples(*rows, np.zeros(len(parts), np.int64), power, **how)
-
-    def mean(values: Floats) -> FigureSamples:
-        return of(values[some], np.ones(count), power)
-
-    def by_window(values: Floats, of_all: float) -> FigureSamples:
-        return of(values, np.full(len(values), of_all / max(len(values), 1)), power)
-
-    def at_steps(values: Floats) -> FigureSamples:
-        known = np.isfinite(values)
-        sums = np.bincount(assigned.step[known], values[known], order)
-        return of(sums, np.bincount(assigned.step[known], minlength=order))
-
-    velocity = reports.velocity_enu_m_s[rows.report[assigned.row]]
-    true_velocity = field.states.velocity_enu_m_s[assigned.step, assigned.drone]
-    followings = [
-        followed(segments.rows(segments.drone == drone), np.flatnonzero(field.there[:, drone]))
-        for drone in range(field.there.shape[1])
-    ]
-    longest = np.array([each.longest_steps for each in followings], np.float64)
-    right, both = right_identities(assigned.track, assigned.drone, assigned.step)
-    seen = np.ones(len(right))
-    samples = {
-        "gospa_m": mean(steps.localisation + steps.missed + steps.false),
-        "gospa_localisation_m": mean(steps.localisation),
-        "gospa_missed_m": mean(steps.missed),
-        "gospa_false_m": mean(steps.false),
-        "ospa_m": mean(steps.ospa_m**how.order),
-        "ospa2_m": by_window(walked.ospa2_m**how.order, len(windows)),
-        "t_gospa_m": by_window(windows.sum(axis=1), count),
-        "t_gospa_switching_m": by_window(windows[:, 3], count),
-        "completeness": of(steps.tracked, steps.drones, is_share=True),
-        "ambiguity": of(steps.assigned, steps.tracked),
-        "spuriousness": of(steps.tracks - steps.assigned, steps.tracks, is_share=True),
-        "id_correctness": of(right, seen, is_share=True),
-        "id_ambiguity": of(both, seen, is_share=True),
-        "position_accuracy_m": at_steps(assigned.distance_m),
-        "velocity_accuracy_m_s": at_steps(np.hypot(*(velocity - true_velocity)[:, :2].T)),
-        "longest_segment": of(longest, field.there.sum(axis=0)),
-    }
-    tracked_h = int(steps.tracked.sum()) * field.grid.step_ns / NS / 3600
-    changes = sum(each.number_changes for each in followings)
-    found = Figures({name: each.value for name, each in samples.items()})
-    found["number_changes_per_h"] = changes / tracked_h if tracked_h else math.nan
-    found["breaks"] = float(sum(each.breaks for each in followings))
-    found["swaps"] = float(swaps_of(segments))
-    return found, samples, segments
+    """Figures of sets, what they are of, and over which steps tracks are of drones."""
+    of, how = walked.assigned, field.how
+    segments = segments_of(of.track, of.drone, of.step, how.end_steps)
+    velocity = reports.velocity_enu_m_s[rows.report[of.row]]
+    error_m_s = velocity - field.states.velocity_enu_m_s[of.step, of.drone]
+    of_all = how.order, field.grid.step_ns
+    found, samples = set_figures(walked, segments, field.there, error_m_s, *of_all)
+    return Figures(found), samples, segments
 
 
 def _rms(values: Floats) -> float:

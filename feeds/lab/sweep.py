@@ -20,21 +20,13 @@ from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.lab import pictures
 from plotfeed.feeds.lab.lab_settings import SweepSettings, tell
-from plotfeed.feeds.lab.runs import (
-    NAME,
-    Journal,
-    RunJob,
-    SweepLevel,
-    digests,
-    finish_runs,
-    levels_of,
-    scene_of,
-)
+from plotfeed.feeds.lab.runs import NAME, Journal, RunJob, digests, finish_runs
 from plotfeed.feeds.lab.tables import Table, TextColumn, check_suffix, write_table
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import HELD_NS, Message
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
+from plotfeed.feeds.scene.levels import SweepLevel, levels_of, scene_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.varied_keys import VariedKey

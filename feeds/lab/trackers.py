@@ -27,16 +27,7 @@ from plotfeed.feeds.lab import pictures
 from plotfeed.feeds.lab.flights import FlightsTally
 from plotfeed.feeds.lab.lab_settings import ScoreOptions, TrackerSettings, tell
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, RecordedRun, plots_of, possible
-from plotfeed.feeds.lab.runs import (
-    NAME,
-    Journal,
-    RunJob,
-    SweepLevel,
-    digests,
-    finish_runs,
-    levels_of,
-    scene_of,
-)
+from plotfeed.feeds.lab.runs import NAME, Journal, RunJob, digests, finish_runs
 from plotfeed.feeds.lab.score import (
     LIMITS,
     NO_PROFILE,
@@ -60,6 +51,7 @@ from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, site_frame
+from plotfeed.feeds.scene.levels import SweepLevel, levels_of, scene_of
 from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.varied_keys import VariedKey

@@ -19,9 +19,10 @@ from pathlib import Path
 
 from aims import aim, ratios, spread
 
-from plotfeed.feeds.lab.runs import RunJob, SweepLevel, levels_of
+from plotfeed.feeds.lab.runs import RunJob
 from plotfeed.feeds.lab.runs import spread as spread_over
 from plotfeed.feeds.lab.sweep import RunPlan, run_once
+from plotfeed.feeds.scene.levels import SweepLevel, levels_of
 from plotfeed.feeds.scene.varied_keys import VariedKey
 
 REPEATS, RUNS = 3, 30

@@ -11,7 +11,7 @@ import pytest
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.simulation import simulate
-from plotfeed.feeds.lab.runs import RunJob, levels_of
+from plotfeed.feeds.lab.runs import RunJob
 from plotfeed.feeds.lab.sweep import (
     NEVER,
     SENSOR_COLUMNS,
@@ -21,6 +21,7 @@ from plotfeed.feeds.lab.sweep import (
     enough_ns,
     run_once,
 )
+from plotfeed.feeds.scene.levels import levels_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.varied_keys import VariedKey
 from plotfeed.feeds.session.session import run

@@ -10,7 +10,8 @@ import pytest
 
 from plotfeed.feeds.console import extras
 from plotfeed.feeds.console.cluster import EngineError, connected
-from plotfeed.feeds.lab.runs import Journal, SweepLevel, seed_of, spread
+from plotfeed.feeds.lab.runs import Journal, seed_of, spread
+from plotfeed.feeds.scene.levels import SweepLevel
 from plotfeed.proto.errors import PlotfeedError
 
 PROGRAM = """

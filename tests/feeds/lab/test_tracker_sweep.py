@@ -12,9 +12,9 @@ import pytest
 from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.lab.runs import SweepLevel
 from plotfeed.feeds.lab.score import ScoreLimit
 from plotfeed.feeds.lab.trackers import SHOWN, CurvePoint, TrackerCommand, survivals
+from plotfeed.feeds.scene.levels import SweepLevel
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.errors import PlotfeedError
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.lab.runs import levels_of, scene_of
+from plotfeed.feeds.scene.levels import levels_of, scene_of
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.scene.varied_keys import VariedKey
 from plotfeed.proto.errors import PlotfeedError

@@ -1,17 +1,92 @@
-"""Errors of what a tracker reported, each at its own time, and their figures."""
+"""Figures of tracks beside drones: of sets over time, and of reports, each at its own time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from plotfeed.models.state import NS, Columns, Floats, Ints
-from plotfeed.models.track_metrics import lag_parts
+from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
+from plotfeed.models.track_metrics import (
+    Segments,
+    Walked,
+    followed,
+    lag_parts,
+    right_identities,
+    swaps_of,
+)
 from plotfeed.models.verdicts import FigureSamples
 
 LEAST_SPEED_M_S = 1.0  # Below it a drone has no way along which to err
 SE_95 = 1.959964  # Standard errors of which one bound of 95 % is, by the normal law
+
+
+def set_figures(  # noqa: PLR0917
+    walked: Walked,
+    segments: Segments,
+    there: Bools,
+    velocity_error_m_s: Floats,
+    order: float,
+    step_ns: int,
+) -> tuple[dict[str, float], dict[str, FigureSamples]]:
+    """Figures of sets over steps at which there was any drone or track, and what they are of.
+
+    `there` (steps, drones) says which drones were, and velocities err by so much in the rows of
+    what is assigned, (n, 3).
+    """
+    steps, assigned = walked.steps, walked.assigned
+    some = np.flatnonzero((steps.drones > 0) | (steps.tracks > 0))
+    count, every, power = len(some), len(there), 1.0 / order
+    windows = walked.window_parts
+
+    def of(parts: Any, wholes: Any, power: float = 1.0, **how: Any) -> FigureSamples:
+        rows = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
+        return FigureSamples(*rows, np.zeros(len(parts), np.int64), power, **how)
+
+    def mean(values: Floats) -> FigureSamples:
+        return of(values[some], np.ones(count), power)
+
+    def by_window(values: Floats, of_all: float) -> FigureSamples:
+        return of(values, np.full(len(values), of_all / max(len(values), 1)), power)
+
+    def at_steps(values: Floats) -> FigureSamples:
+        known = np.isfinite(values)
+        sums = np.bincount(assigned.step[known], values[known], every)
+        return of(sums, np.bincount(assigned.step[known], minlength=every))
+
+    followings = [
+        followed(segments.rows(segments.drone == drone), np.flatnonzero(there[:, drone]))
+        for drone in range(there.shape[1])
+    ]
+    longest = np.array([each.longest_steps for each in followings], np.float64)
+    right, both = right_identities(assigned.track, assigned.drone, assigned.step)
+    seen = np.ones(len(right))
+    samples = {
+        "gospa_m": mean(steps.localisation + steps.missed + steps.false),
+        "gospa_localisation_m": mean(steps.localisation),
+        "gospa_missed_m": mean(steps.missed),
+        "gospa_false_m": mean(steps.false),
+        "ospa_m": mean(steps.ospa_m**order),
+        "ospa2_m": by_window(walked.ospa2_m**order, len(windows)),
+        "t_gospa_m": by_window(windows.sum(axis=1), count),
+        "t_gospa_switching_m": by_window(windows[:, 3], count),
+        "completeness": of(steps.tracked, steps.drones, is_share=True),
+        "ambiguity": of(steps.assigned, steps.tracked),
+        "spuriousness": of(steps.tracks - steps.assigned, steps.tracks, is_share=True),
+        "id_correctness": of(right, seen, is_share=True),
+        "id_ambiguity": of(both, seen, is_share=True),
+        "position_accuracy_m": at_steps(assigned.distance_m),
+        "velocity_accuracy_m_s": at_steps(np.hypot(*velocity_error_m_s[:, :2].T)),
+        "longest_segment": of(longest, there.sum(axis=0)),
+    }
+    tracked_h = int(steps.tracked.sum()) * step_ns / NS / 3600
+    changes = sum(each.number_changes for each in followings)
+    found = {name: each.value for name, each in samples.items()}
+    found["number_changes_per_h"] = changes / tracked_h if tracked_h else np.nan
+    found["breaks"] = float(sum(each.breaks for each in followings))
+    found["swaps"] = float(swaps_of(segments))
+    return found, samples
 
 
 @dataclass(frozen=True, kw_only=True)
