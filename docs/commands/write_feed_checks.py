@@ -12,7 +12,6 @@ processes as there are cores.
 
 from __future__ import annotations
 
-import asyncio
 import os
 import platform
 import sys
@@ -34,14 +33,12 @@ from plotfeed.feeds.lab.evidence import AskedSensor
 from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.judge import FALSE_RATES, FeedTally, Verdicts, simulated_feed
 from plotfeed.feeds.lab.live import LiveScore
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer
-from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.residuals import Check
 from plotfeed.models.verdicts import share_interval
 from plotfeed.proto.utc import NS
+from plotfeed.testing import fly
 
 DOCS = Path(__file__).parents[1]
 PAGE = DOCS / "feed-checks.md"
@@ -140,19 +137,7 @@ def scene_verdicts(path: Path, seed: int, seconds: float) -> SceneVerdicts:
     every = _EverySecond(live)
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "run.mcap"
-
-        async def session() -> None:
-            with Recorder(record, attachments=attachments_of(scene, START_UTC_NS)) as recorder:
-                recording = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
-                await run(
-                    scene,
-                    clock=InstantClock(START_UTC_NS),
-                    broker="none",
-                    duration_s=seconds,
-                    observers=[recording, live, every],
-                )
-
-        asyncio.run(session())
+        fly(scene, seconds, START_UTC_NS, record=record, observers=[live, every])
         told = FeedReport(record, "claimed").verdicts
         recorded = {(each.sensor, each.name) for each in told.wrong}
     return SceneVerdicts(recorded, every.wrong)

@@ -143,12 +143,18 @@ class Feed:
 
 
 def fly(
-    scene: Scene, duration_s: float, start_ns: int = START_NS, *, record: Path | None = None
+    scene: Scene,
+    duration_s: float,
+    start_ns: int = START_NS,
+    *,
+    record: Path | None = None,
+    observers: Sequence[Observer] = (),
 ) -> Feed:
     """The feed of a scene in that many seconds of simulated time, from `start_ns` (UTC) on.
 
     It is returned as soon as it is worked out; links delay and lose what the scene says. `record`
-    is a new file for the whole session, an MCAP that `plotfeed replay`, `report` and `score` read.
+    is a new file for the whole session, an MCAP that `plotfeed replay`, `report` and `score` read;
+    `observers` are told of the session as it goes.
     """
     messages: list[Message] = []
 
@@ -156,11 +162,11 @@ def fly(
         messages.append(message)
 
     with ExitStack() as files:
-        observers: list[Observer] = []
         if record is not None:
             recorder = Recorder(record, attachments=attachments_of(scene, start_ns), waits=True)
             files.enter_context(recorder)
-            observers.append(SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth))
+            recording = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
+            observers = [recording, *observers]
         asyncio.run(
             run(
                 scene,
