@@ -113,93 +113,87 @@ def varied_tree(text: str, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]
 
 
 def _set(tree: dict[str, Any], path: str, value: Any) -> None:
-    for table, key in _Places(path, tree).found():
+    for table, key in _places(path, tree):
         table[key] = value
 
 
-class _Places:
+def _places(path: str, tree: dict[str, Any]) -> Iterator[tuple[Any, Any]]:
     """The tables, with the key in each, that a path names in a tree, where missing ones are made.
 
     Entries of lists go by their id, type, kind or number from 0 on; `*` is all of them. A path that
-    begins with a key of sensors is of all sensors.
+    begins with a key of sensors is of all sensors. Raises `PlotfeedError`.
     """
-
-    def __init__(self, path: str, tree: dict[str, Any]) -> None:
-        self._path, self._tree = path, tree
-
-    def found(self) -> Iterator[tuple[Any, Any]]:
-        """Each table or list, and the key or number in it; raises `PlotfeedError`."""
-        head, dot, rest = self._path.partition(".")
-        if head == "sensor" and dot:
-            yield from self._of_sensors(rest)
-        elif head in Scene.model_fields:
-            if not dot:
-                self._refuse(f"a whole table; expected {head}.KEY")
-            if Scene.model_fields[head].default == () and not self._tree.get(head):
-                self._refuse(f"there is no {head}")
-            yield from self._in_table(self._tree, self._path, "")
-        elif any(head in keys.model_fields for keys in SENSORS.values()):
-            yield from self._of_sensors(f"{ALL}.{self._path}")
-        else:
-            there = ", ".join(Scene.model_fields)
-            self._refuse(f"no such key: expected one of {there}, or a key of sensors")
-
-    def _of_sensors(self, rest: str) -> Iterator[tuple[Any, Any]]:
-        sensors = self._tree["sensor"]
-        chosen, key = self._chosen(sensors, rest, "sensor")
-        head = key.partition(".")[0]
-        if len(chosen) > 1:  # of several kinds, of which some may have no such key
-            has = [i for i in chosen if head in SENSORS[sensors[i]["type"]].model_fields]
-            chosen = has or chosen
-        for i in chosen:
-            yield from self._in_table(sensors[i], key, f"sensor.{sensors[i]['id']}.")
-
-    def _in_table(self, here: dict[str, Any], rest: str, before: str) -> Iterator[tuple[Any, Any]]:
-        key, dot, rest = rest.partition(".")
+    head, dot, rest = path.partition(".")
+    if head == "sensor" and dot:
+        yield from _of_sensors(path, tree["sensor"], rest)
+    elif head in Scene.model_fields:
         if not dot:
-            yield here, key
-            return
-        below, at = here.setdefault(key, {}), f"{before}{key}"
-        if isinstance(below, dict):
-            yield from self._in_table(below, rest, f"{at}.")
-        elif not isinstance(below, list):
-            self._refuse(f"{at} is no table")
-        elif all(isinstance(entry, dict) for entry in below):
-            chosen, key = self._chosen(below, rest, at)
-            for i in chosen:
-                yield from self._in_table(below[i], key, f"{at}.{i}.")
-        elif rest.isascii() and rest.isdigit() and int(rest) < len(below):
-            yield below, int(rest)
-        else:
-            self._refuse(f"{at} has the numbers 0 to {len(below) - 1}")
+            _refuse(path, f"a whole table; expected {head}.KEY")
+        if Scene.model_fields[head].default == () and not tree.get(head):
+            _refuse(path, f"there is no {head}")
+        yield from _in_table(path, tree, path, "")
+    elif any(head in keys.model_fields for keys in SENSORS.values()):
+        yield from _of_sensors(path, tree["sensor"], f"{ALL}.{path}")
+    else:
+        there = ", ".join(Scene.model_fields)
+        _refuse(path, f"no such key: expected one of {there}, or a key of sensors")
 
-    def _chosen(
-        self, entries: Sequence[dict[str, Any]], rest: str, before: str
-    ) -> tuple[list[int], str]:
-        """Numbers of the entries that the path names, and what is left of it."""
-        names = [[str(e[k]) for k in ("id", "type", "kind") if k in e] for e in entries]
-        first, _, key = rest.partition(".")
-        known = dict.fromkeys(name for each in names for name in each)
-        for name in sorted(known, key=len, reverse=True):  # an id may have a dot in it
-            if rest == name or rest.startswith(f"{name}."):
-                first, key = name, rest[len(name) + 1 :]
-                break
-        if first == ALL:
-            chosen = list(range(len(names)))
-        elif first in known:
-            chosen = [i for i, each in enumerate(names) if first in each]
-        elif first.isascii() and first.isdigit() and int(first) < len(names):
-            chosen = [int(first)]
-        else:
-            told = [*list(known)[:MOST_NAMED], *(["and others"] if len(known) > MOST_NAMED else [])]
-            there = f"expected one of {', '.join(told)}" if told else "there are none"
-            self._refuse(f"no {before} {first!r}: {there}")
-        if not key:
-            self._refuse(f"a whole {before}; expected {before}.{first}.KEY")
-        return chosen, key
 
-    def _refuse(self, what: str) -> NoReturn:
-        _refuse(self._path, what)
+def _of_sensors(path: str, sensors: list[dict[str, Any]], rest: str) -> Iterator[tuple[Any, Any]]:
+    chosen, key = _chosen(path, sensors, rest, "sensor")
+    head = key.partition(".")[0]
+    if len(chosen) > 1:  # of several kinds, of which some may have no such key
+        has = [i for i in chosen if head in SENSORS[sensors[i]["type"]].model_fields]
+        chosen = has or chosen
+    for i in chosen:
+        yield from _in_table(path, sensors[i], key, f"sensor.{sensors[i]['id']}.")
+
+
+def _in_table(path: str, here: dict[str, Any], rest: str, before: str) -> Iterator[tuple[Any, Any]]:
+    """Each table or list, and the key or number in it, that the rest of a path names."""
+    key, dot, rest = rest.partition(".")
+    if not dot:
+        yield here, key
+        return
+    below, at = here.setdefault(key, {}), f"{before}{key}"
+    if isinstance(below, dict):
+        yield from _in_table(path, below, rest, f"{at}.")
+    elif not isinstance(below, list):
+        _refuse(path, f"{at} is no table")
+    elif all(isinstance(entry, dict) for entry in below):
+        chosen, key = _chosen(path, below, rest, at)
+        for i in chosen:
+            yield from _in_table(path, below[i], key, f"{at}.{i}.")
+    elif rest.isascii() and rest.isdigit() and int(rest) < len(below):
+        yield below, int(rest)
+    else:
+        _refuse(path, f"{at} has the numbers 0 to {len(below) - 1}")
+
+
+def _chosen(
+    path: str, entries: Sequence[dict[str, Any]], rest: str, before: str
+) -> tuple[list[int], str]:
+    """Numbers of the entries that the rest of a path names, and what is left of it."""
+    names = [[str(e[k]) for k in ("id", "type", "kind") if k in e] for e in entries]
+    first, _, key = rest.partition(".")
+    known = dict.fromkeys(name for each in names for name in each)
+    for name in sorted(known, key=len, reverse=True):  # an id may have a dot in it
+        if rest == name or rest.startswith(f"{name}."):
+            first, key = name, rest[len(name) + 1 :]
+            break
+    if first == ALL:
+        chosen = list(range(len(names)))
+    elif first in known:
+        chosen = [i for i, each in enumerate(names) if first in each]
+    elif first.isascii() and first.isdigit() and int(first) < len(names):
+        chosen = [int(first)]
+    else:
+        told = [*list(known)[:MOST_NAMED], *(["and others"] if len(known) > MOST_NAMED else [])]
+        there = f"expected one of {', '.join(told)}" if told else "there are none"
+        _refuse(path, f"no {before} {first!r}: {there}")
+    if not key:
+        _refuse(path, f"a whole {before}; expected {before}.{first}.KEY")
+    return chosen, key
 
 
 def _refuse(path: str, what: str) -> NoReturn:
