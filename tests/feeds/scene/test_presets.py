@@ -187,16 +187,10 @@ def test_one_preset_shows_keys_marks_notes_and_the_table() -> None:
         "not measurements of the products",
     ):
         assert expected in text
-
-
-@pytest.mark.parametrize("name", ["ranger-r8ss-3d", "rfone", "widealert", "triton-pt"])
-def test_one_preset_as_json(name: str) -> None:
-    text = run(name, "--json")
-    found = strict_json(text)
-    assert found["name"] == name
-    assert {key["mark"] for key in found["keys"]} <= {"stated", "derived", "assumed"}
-    assert len(found["table"]) == 10
-    assert "nan" not in text.split()
+    for name in ("ranger-r8ss-3d", "rfone", "widealert", "triton-pt"):
+        found = strict_json(run(name, "--json"))
+        assert (found["name"], len(found["table"])) == (name, 10)
+        assert {key["mark"] for key in found["keys"]} <= {"stated", "derived", "assumed"}
 
 
 def test_an_unknown_name_is_wrong_use() -> None:

@@ -12,15 +12,13 @@ from click.testing import CliRunner
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.scene.presets.preset import preset, system_names
 from plotfeed.feeds.scene.presets.system import system
-from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree, parsed
+from plotfeed.feeds.scene.scene import Scene, SceneError, parsed
 from plotfeed.testing import fly, held
-
-HEAD = {"name": "s", "seed": 1, "site": {"latitude_deg": 40.45, "longitude_deg": -3.73,
-                                         "height_m": 650.0}}  # fmt: skip
+from plotfeed.testing import scene as built
 
 
-def scene(*systems: dict[str, Any], **rest: Any) -> Scene:
-    return from_tree({"scene": HEAD, "system": list(systems), **rest}, Path("s.toml"))
+def scene(*systems: dict[str, Any], **tables: Any) -> Scene:
+    return built([], seed=1, system=list(systems), **tables)
 
 
 def problems(*systems: dict[str, Any], **rest: Any) -> list[tuple[str, str]]:
