@@ -14,7 +14,7 @@ from typing import Any
 import jsonschema
 import pytest
 from google.protobuf.json_format import ParseDict
-from support.brokers import free_port, mosquitto, own_broker
+from support.brokers import free_port, own_broker
 from support.command import plotfeed_here
 from support.dice import Dice
 from support.random_sensors import SENSOR_MAKERS
@@ -33,7 +33,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.message_kinds import OUR_MESSAGES
-from plotfeed.testing import START_NS, MqttMessage, MqttReceiver, held, rotating, staring
+from plotfeed.testing import START_NS, MqttMessage, MqttReceiver, fly, held, rotating, staring
 
 PREFIX = "north/site/7"
 OF_SENSORS = ("status", "settings", "description", "sapient")
@@ -77,9 +77,7 @@ def scene(**mqtt: Any) -> Scene:
     )
 
 
-async def published(
-    what: Scene, port: int, duration_s: float = DURATION_S
-) -> tuple[list[MqttMessage], set[str], dict[str, int]]:
+async def published(what: Scene, port: int) -> tuple[list[MqttMessage], set[str], dict[str, int]]:
     """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
 
     QoS is that with which messages left, by their sources and ids: a broker may
@@ -100,7 +98,7 @@ async def published(
                 what,
                 clock=WallClock(START_NS, speed=SPEED),
                 broker=f"mqtt://127.0.0.1:{port}",
-                duration_s=duration_s,
+                duration_s=DURATION_S,
                 tap=tap,
                 on_ready=lambda *_: ready.set(),
             )
@@ -159,7 +157,9 @@ def sends(api: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: o for name, o in api["operations"].items() if o["action"] == "send"}
 
 
-def matching(api: dict[str, Any], heard: MqttMessage) -> list[str]:
+def matching(
+    api: dict[str, Any], topic: str, content_type: str | None, attributes: dict[str, str]
+) -> list[str]:
     """Operations whose channel has that topic, and whose message has those headers and content."""
     found = []
     for name, operation in sends(api).items():
@@ -167,9 +167,9 @@ def matching(api: dict[str, Any], heard: MqttMessage) -> list[str]:
         pattern = re.escape(address.replace("{prefix}", PREFIX))
         pattern = re.sub(r"\\\{(sensor|drone)\\\}", "[^/]+", pattern)
         (message,) = (resolved(api, m) for m in operation["messages"])
-        if re.fullmatch(pattern, heard.topic) and message["contentType"] == heard.content_type:
+        if re.fullmatch(pattern, topic) and message["contentType"] == content_type:
             headers = jsonschema.Draft202012Validator(message["headers"])
-            if headers.is_valid(heard.user_properties):
+            if headers.is_valid(attributes):
                 found.append(name)
     return found
 
@@ -199,9 +199,10 @@ async def test_what_a_session_publishes_is_what_the_document_says(
     seen: set[str] = set()
     events: set[str] = set()
     for message in heard:
-        (name,) = matching(api, message)
+        attributes = message.user_properties
+        (name,) = matching(api, message.topic, message.content_type, attributes)
         seen.add(name)
-        event = event_of(message.user_properties)
+        event = event_of(attributes)
         assert event not in events
         events.add(event)
         binding = api["operations"][name]["bindings"]["mqtt"]
@@ -233,18 +234,11 @@ def test_commands_are_taken_as_their_schema_says(api: dict[str, Any]) -> None:
         jsonschema.validate({"clock": {"sped": 10}}, schema)
 
 
-@pytest.mark.asyncio
-async def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
-    api: dict[str, Any], tmp_path: Path
-) -> None:
-    port = free_port()
-    with mosquitto(
-        tmp_path, port, f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
-    ):
-        heard, _, _ = await published(scene(qos=1, truth=False), port, 8.0)
-    assert heard
-    for message in heard:
-        (name,) = matching(api, message)
+def test_the_scenes_qos_is_that_of_the_operations_that_say_so(api: dict[str, Any]) -> None:
+    sent = fly(scene(qos=1, truth=False), 8.0).messages
+    assert sent
+    for message in sent:
+        (name,) = matching(api, message.topic, message.content_type, dict(message.properties))
         operation = api["operations"][name]
         assert message.qos == max(operation.get("x-qos", [operation["bindings"]["mqtt"]["qos"]]))
         assert name != "sendTruth"
