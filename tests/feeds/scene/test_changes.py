@@ -112,6 +112,22 @@ def test_an_event_that_cannot_happen_is_refused_with_the_scene(
         scene([radar(event=[event])], seed=1)
 
 
+def test_weather_and_jammers_of_all_are_events_of_each_sensor_behind_its_own() -> None:
+    place = {"east_m": 1.0, "north_m": 2.0, "above_site_m": 3.0}
+    noise = place | {"eirp_w": 5.0, "frequency_hz": 1e9, "bandwidth_hz": 1e6}
+    tables = {
+        "weather": [{"from_s": 5.0, "to_s": 9.0, "rain_mm_h": 20.0}],
+        "jammer": [{"id": "far", "from_s": 3.0, **noise}],
+    }
+    own = {"from_s": 1.0, "set": {"pfa": 1e-5}}
+    (made,) = scene([radar(event=[own])], seed=1, **tables).sensor
+    assert [(e.from_s, e.to_s, e.set) for e in made.event] == [
+        (1.0, None, {"pfa": 1e-5}),
+        (5.0, 9.0, {"weather": {"rain_mm_h": 20.0}}),
+        (3.0, None, {"jamming": {"far": noise}}),
+    ]
+
+
 def test_a_command_is_of_a_sensor_or_of_the_clock() -> None:
     command = parsed(b'{"sensor": "radar", "set": {"link": {"latency_ms": 250}}}')
     assert (command.sensor, command.set) == ("radar", {"link": {"latency_ms": 250}})

@@ -298,7 +298,7 @@ def test_the_schema_knows_what_stands_in_the_place_of_what(
     assert schema.is_valid({"scene": GENERAL} | tables) == is_valid
 
 
-def test_every_key_of_the_schema_that_has_a_unit_says_it(schema: Schema) -> None:
+def test_every_key_of_the_schema_says_its_unit_and_what_tells_kinds_apart(schema: Schema) -> None:
     chances = {"p", "r", "p13", "p14", "p23", "p31", "p32", "corrupt", "duplicate", "probability"}
     of_laws = {"correlation", "exponent", "reflection", "shape"}
     without_unit = {"pfa", "port", "turns", *of_laws, *chances}
@@ -306,6 +306,7 @@ def test_every_key_of_the_schema_that_has_a_unit_says_it(schema: Schema) -> None
     for table in (tree, *tree["$defs"].values()):
         for name, key in table.get("properties", {}).items():
             assert key.get("type") != "number" or "_" in name or name in without_unit, name
+            assert name not in {"kind", "type"} or key["description"], table["title"]
 
 
 ZONES = st.timezones() | st.just(UTC)

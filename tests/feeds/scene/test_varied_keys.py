@@ -109,7 +109,7 @@ def test_sensors_of_a_system_are_varied_as_others_are(tmp_path: Path) -> None:
         ("link.latency_ms=1,1", "a value is there twice"),
         ("link.latency_ms=1,,2", "is no value"),
         ("sensor.east.pfa=1e-5", "no sensor 'east': expected one of north, active_radar, south"),
-        ("sensor.9.pfa=1e-5", "no sensor '9': expected one of north"),
+        ("sensor.3.pfa=1e-5", "no sensor '3': expected one of north"),
         ("sensor.north=1", "a whole sensor; expected sensor.north.KEY"),
         ("scene=1", "a whole table; expected scene.KEY"),
         ("drone.nobody.rcs_m2=1", "no drone 'nobody': expected one of visitor"),
