@@ -161,13 +161,14 @@ class Outputs:
             SapientTcpTransport,
         )
 
-        settings = self._scene.sapient.model_copy(update={"middleware": middleware})
+        settings = self._scene.sapient
         if self._middleware is None:
             limits = settings.max_messages_per_s, settings.max_octets_per_s
             self._middleware = SapientIntake(*limits), SapientNews()
         intake, news = self._middleware
         return SapientTcpTransport(
             sensor.id,
+            middleware,
             settings,
             announcer,
             clock=self._clock,

@@ -25,7 +25,7 @@ from plotfeed.feeds.messages.transports import ImmediateTransport
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.transport.ways_out import TransportError, backoff_s, wait_while
+from plotfeed.feeds.transport.ways_out import MAX_SAID, TransportError, backoff_s, wait_while
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
 
@@ -189,7 +189,6 @@ ACK_TIMEOUT_S = 2.0
 REGISTER_AGAIN_S = 10.0  # Who was refused asks so often whether that has changed
 # A connection that lasted less counts as a failure: whoever hangs up at once is not hurried.
 STEADY_S = 5.0
-MAX_SAID = 200
 
 
 class SapientTcpTransport(ImmediateTransport):
@@ -200,6 +199,7 @@ class SapientTcpTransport(ImmediateTransport):
     def __init__(
         self,
         sensor: str,
+        address: str,
         settings: SapientKeys,
         announcer: SapientAnnouncer,
         *,
@@ -209,10 +209,8 @@ class SapientTcpTransport(ImmediateTransport):
         counters: SapientCounters,
         on_task: Callable[[bytes, str | None], object] | None = None,
     ) -> None:
-        """`settings` name the middleware; `on_task` is given what holds a task, and its type."""
-        if settings.middleware is None:
-            raise ValueError("expected a middleware")
-        self.address = settings.middleware
+        """`address` is the middleware's; `on_task` is given what holds a task, and its type."""
+        self.address = address
         self.name = f"sapient-{sensor}"
         self.counters = counters
         self.last_error = ""

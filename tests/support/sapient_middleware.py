@@ -102,11 +102,12 @@ async def listening(*behaviours: Behaviour) -> AsyncIterator[Middleware]:
 async def linked(
     address: str, *, wait: bool = True, **settings: Any
 ) -> AsyncIterator[SapientTcpTransport]:
-    keys = SapientKeys(middleware=address, **settings)
+    keys = SapientKeys(**settings)
     intake = SapientIntake(keys.max_messages_per_s, keys.max_octets_per_s)
     counters = SapientCounters(SessionCounters())
     link = SapientTcpTransport(
         "radar",
+        address,
         keys,
         ANNOUNCER,
         clock=WallClock(),
