@@ -478,21 +478,14 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
         yield Record(number, items, body[start:at], origin + start)
 
 
-# By the identity of a category, as its hash is that of all that it holds.
-_PLANS: dict[int, tuple[Category, Reader]] = {}
-
-
+@cache
 def _plans_of(category: Category) -> Reader:
-    found = _PLANS.get(id(category))
-    if found is None:
-        plots = Plans(category.uap).read
-        tracks = Plans(category.track_uap).read
+    plots, tracks = Plans(category.uap).read, Plans(category.track_uap).read
 
-        def read(body: bytes, at: int) -> tuple[Any, int]:
-            return (tracks if _is_track(body, at) else plots)(body, at)
+    def read(body: bytes, at: int) -> tuple[Any, int]:
+        return (tracks if _is_track(body, at) else plots)(body, at)
 
-        found = _PLANS[id(category)] = category, read if category.track_uap else plots
-    return found[1]
+    return read if category.track_uap else plots
 
 
 def _is_track(body: bytes, at: int) -> bool:

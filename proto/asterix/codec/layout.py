@@ -194,9 +194,12 @@ class Undecoded:
 Item = Fixed | Extended | Repetitive | Explicit | Compound | Undecoded
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Category:
-    """A category: its number and its items in the order of their field reference numbers."""
+    """A category: its number and its items in the order of their field reference numbers.
+
+    Each edition is who it is, so that what is made from one is found quickly.
+    """
 
     number: int
     uap: tuple[Item | None, ...]
