@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat016 import CAT016
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, ReportEncoder, Reports, measured
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -152,7 +152,7 @@ FORMAT = asterix(
 )
 
 
-class PlotEncoder015(ReportEncoder):
+class PlotEncoder015(Reports):
     """Measurement plots, as I015/010, 000, 020, 145, and of the others what is measured.
 
     Those are 300 (class), 625 (R, SDR), 626 (DV, SDDV), 627 (AZ, SDASZ), 628 (EL, SDEL), 630 (RPP
@@ -181,12 +181,12 @@ class PlotEncoder015(ReportEncoder):
         self._multistatic = geometry is Geometry.MULTISTATIC
         paths = COLUMNS["range_m"], COLUMNS["sigma_range_m"]
         ranges = dict(zip(paths, RANGES.get(geometry, ()), strict=False))
-        self._optional = ranges | OPTIONAL
-        self._reports = Reports(
+        self._told = ranges | OPTIONAL
+        super().__init__(
             CAT015,
             ("I015/010", "I015/000", "I015/020", "I015/145")
             + (("I015/400",) if self._multistatic else ()),
-            ("I015/300*1", *self._optional, "I015/630/RPS"),
+            ("I015/300*1", *self._told, "I015/630/RPS"),
             constants={
                 "I015/010/SAC": sac,
                 "I015/010/SIC": sic,
@@ -204,7 +204,7 @@ class PlotEncoder015(ReportEncoder):
         self, plots: Plots, parts: Parts, first_observation: ArrayLike = 0
     ) -> Mapping[str, ArrayLike]:
         columns: dict[str, Floats | Ints] = {"I015/145": plots.t_utc_ns}
-        columns |= measured(plots, self._optional)
+        columns |= measured(plots, self._told)
         snr = measured(plots, {"I015/630/RPS": "snr"})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:

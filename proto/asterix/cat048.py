@@ -13,14 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import (
-    UDP_OCTETS,
-    Parts,
-    ReportEncoder,
-    Reports,
-    checked_places,
-    measured,
-)
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, Reports, checked_places, measured
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
@@ -145,7 +138,7 @@ FORMAT = asterix(
 )
 
 
-class PlotEncoder048(ReportEncoder):
+class PlotEncoder048(Reports):
     """Plots of a primary radar, as I048/010, 140, 020, 040, and of 130, 110, 120 what is measured.
 
     Further, `blocks` takes the height of mean sea level above the WGS-84 ellipsoid where the plots
@@ -161,7 +154,7 @@ class PlotEncoder048(ReportEncoder):
         *,
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
-        self._reports = Reports(
+        super().__init__(
             CAT048,
             ("I048/010", "I048/140", "I048/020", "I048/040"),
             ("I048/130/PRL", "I048/130/PAM", "I048/110", "I048/120/CAL"),

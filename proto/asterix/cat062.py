@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from plotfeed.proto.asterix.codec.encode import (
     UDP_OCTETS,
     Parts,
-    ReportEncoder,
     Reports,
     checked_position,
     measured,
@@ -172,7 +171,7 @@ FORMAT = asterix(
 )
 
 
-class TrackEncoder062(ReportEncoder):
+class TrackEncoder062(Reports):
     """Tracks of sensors, as I062/010, 070, 105, 100, 185, 040, 080, and what else they have.
 
     That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC), which holds the rounding of 100 and
@@ -187,7 +186,7 @@ class TrackEncoder062(ReportEncoder):
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
         status = {f"I062/080/{name}": 0 for name in STATUS_OF_OTHERS.split()}
-        self._reports = Reports(
+        super().__init__(
             CAT062,
             (
                 "I062/010",

@@ -14,13 +14,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import (
-    Parts,
-    ReportEncoder,
-    Reports,
-    checked_position,
-    measured,
-)
+from plotfeed.proto.asterix.codec.encode import Parts, Reports, checked_position, measured
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -85,7 +79,7 @@ FORMAT = asterix(
 )
 
 
-class BearingEncoder205(ReportEncoder):
+class BearingEncoder205(Reports):
     """Bearings, as I205/010, 000, 030, 040, 050, 070, and of 180, 190, 200 what is measured.
 
     Latitude and longitude are the sensor's. The quality of a signal grows with the SNR in decibels
@@ -103,7 +97,7 @@ class BearingEncoder205(ReportEncoder):
         longitude_deg: float | Floats,
     ) -> None:
         checked_position(latitude_deg, longitude_deg, field="I205/050")
-        self._reports = Reports(
+        super().__init__(
             CAT205,
             ("I205/010", "I205/000", "I205/030", "I205/040", "I205/050", "I205/070"),
             ("I205/180", "I205/190", "I205/200"),

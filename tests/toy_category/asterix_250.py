@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from numpy.typing import ArrayLike
+
 from plotfeed.feeds.formats import Batch, Format, SectorFormat, asterix_address, max_block_octets
 from plotfeed.feeds.messages.message import Message, numbered
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.proto.asterix.codec.encode import Reports, measured
+from plotfeed.models.state import Plots
+from plotfeed.proto.asterix.codec.encode import Parts, Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
@@ -23,12 +28,24 @@ FRN  item      octets  parts: bits, LSB and unit
 )
 
 
-class Asterix250(SectorFormat):
+class PlotEncoder250(Reports):
     """Plots as I250/010, 020, 030, and 040 if they have elevations, and nothing besides."""
+
+    def _columns(self, plots: Plots, _parts: Parts) -> Mapping[str, ArrayLike]:
+        return {
+            "I250/020": plots.t_utc_ns,
+            "I250/030/R": plots.range_m,
+            "I250/030/AZ": plots.azimuth_deg,
+            **measured(plots, {"I250/040": "elevation_deg"}),
+        }
+
+
+class Asterix250(SectorFormat):
+    """Blocks of category 250."""
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
         self._address = asterix_address(scene, sensor, 250)
-        self._reports = Reports(
+        self._plots = PlotEncoder250(
             CAT250,
             ("I250/010", "I250/020", "I250/030"),
             ("I250/040",),
@@ -37,17 +54,8 @@ class Asterix250(SectorFormat):
         )
 
     def messages_of(self, batch: Batch) -> list[Message]:
-        """Blocks of category 250."""
-        plots = batch.plots
-        if not len(plots):
-            return []
-        columns = {
-            "I250/020": plots.t_utc_ns,
-            "I250/030/R": plots.range_m,
-            "I250/030/AZ": plots.azimuth_deg,
-            **measured(plots, {"I250/040": "elevation_deg"}),
-        }
-        return numbered(self._address, self._reports.blocks(columns), batch.stamp)
+        """One for each block."""
+        return numbered(self._address, self._plots.blocks(batch.plots), batch.stamp)
 
 
 FORMAT = Format(

@@ -7,7 +7,6 @@ for all records at once, and put into a record of zeros as big-endian words.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -494,7 +493,7 @@ class Reports:
 
     `constants`, `lsb` and `deviations` are as for Encoder, and may name parts of items that are not
     sent; `max_octets` too may be one for each source. Times of day are whole nanoseconds since
-    1970.
+    1970. A category's own class makes columns of what sources measure, by `_columns`.
     """
 
     def __init__(
@@ -523,10 +522,20 @@ class Reports:
         records_a_block(everything.record_length, min(self._max_octets))
         records_a_block(everything.record_length, max(self._max_octets))
 
-    def blocks(self, columns: Mapping[str, ArrayLike]) -> list[bytes]:
-        """Data blocks of the rows of columns by path, in their order, all of the one source."""
-        rows = len(np.asarray(next(iter(columns.values()))))
-        return self.blocks_by(columns, Parts.whole(rows))[0]
+    def _columns(self, *told: Any) -> Mapping[str, ArrayLike]:
+        """Columns by path of rows, at least one, of the parts that they are in, and of the rest.
+
+        Without a class of their own, rows are columns by path already.
+        """
+        columns: Mapping[str, ArrayLike] = told[0]
+        return columns
+
+    def blocks(self, rows: Columns, *more: Any) -> list[bytes]:
+        """Data blocks of all rows of one source, in their order, none longer than `max_octets`.
+
+        `more` is as for `blocks_by`, of one part.
+        """
+        return self.blocks_by(rows, Parts.whole(len(rows)), *more)[0]
 
     def one_each(
         self, t_utc_ns: ArrayLike, sources: Ints, further: Mapping[str, ArrayLike] | None = None
@@ -541,8 +550,17 @@ class Reports:
         head = header(encoder.category, length)
         return [head + records[at : at + length] for at in range(0, len(records), length)]
 
-    def blocks_by(self, columns: Mapping[str, ArrayLike], parts: Parts) -> list[list[bytes]]:
-        """Data blocks of each part of the rows of columns by path, in their order."""
+    def blocks_by(
+        self, rows: Columns | Mapping[str, ArrayLike], parts: Parts, *more: Any
+    ) -> list[list[bytes]]:
+        """Data blocks of each part of the rows, all of which measure the same, in their order.
+
+        A column of nothing but NaN, or of no kinds, is not measured; one with some is an
+        EncodeError. What `more` there is to say, the class says.
+        """
+        if not len(rows):
+            return [[] for _ in parts.sources]
+        columns = self._columns(rows, parts, *more)
         encoder = self._encoder_for(columns)
         records = encoder.records(columns, parts.of_rows() if encoder.sources > 1 else None)
         number, length = encoder.category, encoder.record_length
@@ -590,33 +608,6 @@ class Reports:
 def _belongs(slot: str, path: str) -> bool:
     """Whether a slot is of the item or subfield at a path."""
     return is_at(slot, path.partition("*")[0])
-
-
-class ReportEncoder(ABC):
-    """Encodes what sources measure, part by part, as `columns` says for its category."""
-
-    _reports: Reports
-
-    @abstractmethod
-    def _columns(self, *told: Any) -> Mapping[str, ArrayLike]:
-        """Columns by path of rows, at least one, of the parts that they are in, and of the rest."""
-
-    def blocks(self, rows: Columns, *more: Any) -> list[bytes]:
-        """Data blocks of all rows of one source, in their order, none longer than `max_octets`.
-
-        `more` is as for `blocks_by`, of one part.
-        """
-        return self.blocks_by(rows, Parts.whole(len(rows)), *more)[0]
-
-    def blocks_by(self, rows: Columns, parts: Parts, *more: Any) -> list[list[bytes]]:
-        """Data blocks of each part of the rows, all of which measure the same.
-
-        A column of nothing but NaN, or of no kinds, is not measured; one with some is an
-        EncodeError. What `more` there is to say, the class says.
-        """
-        if not len(rows):
-            return [[] for _ in parts.sources]
-        return self._reports.blocks_by(self._columns(rows, parts, *more), parts)
 
 
 def measured(columns: Columns, names: Mapping[str, str]) -> dict[str, Floats]:

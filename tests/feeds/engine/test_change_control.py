@@ -173,3 +173,12 @@ def test_undo_takes_back_one_change_after_the_other(asked: Asked) -> None:
         assert (asked.controlled, asked.on) == (controlled, on)
     asked.refused("undo: nothing was asked", undo=True)
     assert asked.delays_ms() == {"radar": {0.0}, "other": {0.0}}
+
+
+def test_a_story_is_over_with_the_last_of_its_keys_and_on_again_with_the_undo(asked: Asked) -> None:
+    asked.say(story="outage")
+    for sensor in ("other", "radar"):
+        asked.say(sensor=sensor, reset=True)
+    assert asked.on == []
+    asked.say(undo=True)
+    assert asked.on == ["outage"]
