@@ -125,7 +125,7 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         return np.where(bandwidth_hz > 0, np.clip(width_hz / bandwidth_hz, 0.0, 1.0), carrier)
 
     def in_band(self, emitted: Emissions) -> Emissions:
-        """The same of targets' emissions, of which the share is received that lies in the band."""
+        """Emissions of targets, of which the share is received that lies in the band."""
         of_sources = self.rows(emitted.target)
         share = of_sources.share_in_band(emitted.frequency_hz, emitted.bandwidth_hz)
         return emitted.but(share=share)
