@@ -332,19 +332,13 @@ def test_chances_of_detection_are_exact() -> None:
 @EXACT
 def test_echoes_are_exact() -> None:
     for row in reference_rows("radar_equation.csv"):
-        if row["r_tx_m"] != row["r_rx_m"]:
-            continue
-        radar = RADAR | {
-            "power_w": float(row["p_av_w"]),
-            "gain_tx_dbi": float(row["gt_dbi"]),
-            "gain_rx_dbi": float(row["gr_dbi"]),
-            "frequency_hz": float(row["freq_hz"]),
-            "integration_s": float(row["t_int_s"]),
-            "loss_db": float(row["loss_db"]),
-            "noise_figure_db": float(row["noise_fig_db"]),
-        }
-        asked = of_one(radar, float(row["rcs_m2"]), float(row["r_rx_m"]))
-        assert linear(asked.snr_db[0]) == pytest.approx(float(row["snr"]), rel=1e-9)
+        told = {name: float(value) for name, value in row.items()}
+        gains_db = told["gt_dbi"] + told["gr_dbi"] - told["loss_db"]
+        wavelength_m = oracle.LIGHT_M_S / told["freq_hz"]
+        sent_j, ways_m2 = told["p_av_w"] * told["t_int_s"], told["r_tx_m"] * told["r_rx_m"]
+        echo = oracle.radar_equation(sent_j, gains_db, wavelength_m, told["rcs_m2"], ways_m2)
+        noise = oracle.thermal_w_hz(told["noise_fig_db"])
+        assert echo / noise == pytest.approx(told["snr"], rel=1e-9)
 
 
 @EXACT
@@ -379,29 +373,3 @@ def test_the_mean_of_errors_squared_is_that_of_detections(order: float, snr: flo
     power, _ = FluctuatingCfar(*law).draw_detected(draws[1], draws[2], draws[0])
     inverse = 1 / power
     assert abs(inverse.mean() - expected) < 4.5 * inverse.std() / n**0.5
-
-
-RADAR: dict[str, Any] = {
-    "id": "radar", "type": "active_radar", "scan": {"kind": "staring", "period_s": 1.0},
-    "report": ["plots"], "range_resolution_m": 10.0, "range_max_m": 400_000.0,
-    "azimuth_beamwidth_deg": 2.0, "elevation_beamwidth_deg": 6.0, "elevation_min_deg": -90.0,
-    "elevation_max_deg": 90.0,
-}  # fmt: skip
-
-
-def of_one(sensor: dict[str, Any], rcs_m2: float, range_m: float) -> oracle.Asked:
-    """What is asked of a sensor of one look at one drone, due north and level."""
-    site = {"latitude_deg": 40.0, "longitude_deg": -3.0, "height_m": 600.0}
-    way = [{"east_m": 0.0, "north_m": y, "above_site_m": 50.0} for y in (1e3, 2e3)]
-    drone = {"id": "d", "path": way, "speed_m_s": 10.0, "rcs_m2": rcs_m2}
-    tree = {"scene": {"name": "one", "seed": 1, "site": site}, "sensor": [sensor]}
-    scene = from_tree(tree | {"drone": [drone]}, Path("one.toml"))
-    given = oracle.LooksGiven(
-        t_utc_ns=np.array([START_NS]),
-        azimuth_deg=np.zeros(1),
-        elevation_deg=np.zeros(1),
-        range_m=np.array([range_m]),
-        drone=np.array(["d"], np.object_),
-        channel=np.zeros(1, np.int64),
-    )
-    return oracle.asked(scene, scene.sensor[0], given)
