@@ -17,7 +17,6 @@ from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.report_formats import LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import Observer, who_care
 from plotfeed.feeds.session.part import PartHold
 from plotfeed.feeds.timing.clock import Clock, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -59,7 +58,8 @@ class Outputs:
         clock: Clock,
         schedule: Schedule,
         totals: SessionCounters,
-        observers: Sequence[Observer],
+        before_link: Sequence[Callable[[Message], object]],
+        after_link: Sequence[Callable[[Message, int], object]],
         hold: PartHold,
         topics: Sequence[str],
         on_message: OnMessage,
@@ -86,8 +86,7 @@ class Outputs:
         self._middleware: tuple[SapientIntake, SapientNews] | None = None
         self._on_message = on_message
         self._scene, self._clock, self.schedule, self.totals = scene, clock, schedule, totals
-        self._before_link = who_care(observers, "before_link")
-        self._after_link = who_care(observers, "after_link")
+        self._before_link, self._after_link = before_link, after_link
         self._of_sensor: dict[str, Outbox] = {}
         self._announcers: list[SapientAnnouncer] = []
         self._wills: dict[str, Message] = {}  # By whose they are, first that of the session
