@@ -97,16 +97,16 @@ async def test_a_viewer_begins_with_a_snapshot_and_one_that_was_slow_goes_on_fro
     viewer = Viewer(lambda: SNAPSHOT, Audience())
     viewer.offer(update(1))  # the snapshot holds it already
     assert await all_of(viewer) == [b"all"]
-    for number in (2, 3):
+    for number in range(MAX_QUEUED):
         viewer.offer(update(number))
-    assert await all_of(viewer) == [update(2).public, update(3).public]
-    for number in range(MAX_QUEUED + 6):
+    assert await all_of(viewer) == [update(number).public for number in range(MAX_QUEUED)]
+    for number in range(MAX_QUEUED + 1):
         viewer.offer(update(number))
     (made_up,) = await all_of(viewer)
     assert made_up.startswith(b"all")
-    assert json.dumps({"missed_updates": MAX_QUEUED + 6}).encode() in made_up
-    viewer.offer(update(99))
-    assert await all_of(viewer) == [update(99).public]
+    assert json.dumps({"missed_updates": MAX_QUEUED + 1}).encode() in made_up
+    viewer.offer(update(99, MAX_QUEUED_OCTETS))
+    assert await all_of(viewer) == [update(99, MAX_QUEUED_OCTETS).public]
     viewer.offer(update(1, MAX_QUEUED_OCTETS + 1))
     (made_up,) = await all_of(viewer)
     assert b'"missed_updates": 1' in made_up
