@@ -135,7 +135,8 @@ class PeerTurns:
         try:
             heard = next(self._said, None)
             if heard is not None:
-                if isinstance(heard.said, PositionReport):  # before those who never were
+                if isinstance(heard.said, PositionReport):
+                    # Who was understood keeps room before those of whom nothing ever was.
                     if self._speaker not in self._known:
                         self._waiting.know(self._speaker)
                     for other in remember(self._known, self._speaker, None, MAX_KNOWN):
