@@ -147,7 +147,7 @@ pictures: pages
 	$(BIN)/python docs/commands/write_needs.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/commands/draw_page.py; fi
 	$(BIN)/python docs/commands/draw_commands.py
-	$(BIN)/python docs/commands/draw_stability.py
+	$(BIN)/python docs/commands/write_stability.py picture
 	$(BIN)/python docs/commands/equation_figures.py
 
 # The documentation as a site in site/ that can be searched; a link that leads nowhere is an error.
