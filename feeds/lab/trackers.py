@@ -5,11 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import os
 import re
 import shlex
 import shutil
-import signal
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from html import escape
@@ -19,8 +17,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from plotfeed.feeds.console.companion import Companion, beside
 from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab import pictures
@@ -81,9 +79,7 @@ from plotfeed.proto.utc import NS
 USUAL_TOPIC = "tracker/tracks"
 CONNECT_S = 5.0
 LAST_WORDS_S = 1.0  # A tracker has so long for its tracks of the last plots
-TERM_S = 5.0  # And so long to end when it is told to; then it is killed
 MAX_MESSAGES = 1_000_000  # Of tracks that are taken in a run
-MAX_LINE = 200  # Characters of a tracker's last line that are told
 # What a command may have in braces, and as PLOTFEED_TRACKER_... in its environment.
 PLACES = ("broker", "broker5", "host", "port", "port5", "prefix", "topic", "seed")
 _PLACE = re.compile(r"\{(\w+)\}")
@@ -233,75 +229,19 @@ class _Followed(Observer):
 @contextlib.asynccontextmanager
 async def _started(
     job: RunJob, broker: BrokerAddress, prefix: str, topic: str
-) -> AsyncIterator[_TrackerProcess]:
+) -> AsyncIterator[Companion]:
     """The tracker's process, which is gone afterwards with all that it has started."""
     url, port = f"mqtt://{broker.host}:{broker.port}", str(broker.port)
     told_of = (url, url, broker.host, port, port, prefix, topic, str(job.seed))
     values = dict(zip(PLACES, told_of, strict=True))
     told = {f"PLOTFEED_TRACKER_{name.upper()}": value for name, value in values.items()}
-    try:
-        process = await asyncio.create_subprocess_exec(
-            *job.plan.of(job.level).filled(values),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.STDOUT,
-            env={**os.environ, **told, "PYTHONUNBUFFERED": "1"},
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise PlotfeedError(f"--tracker: {error.strerror or error}") from None
-    tracker = _TrackerProcess(process)
-    try:
+    words = job.plan.of(job.level).filled(values)
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            tracker = await stack.enter_async_context(beside(words, told, "tracker"))
+        except OSError as error:
+            raise PlotfeedError(f"--tracker: {error.strerror or error}") from None
         yield tracker
-    finally:
-        await tracker.end()
-
-
-class _TrackerProcess:
-    """A tracker while it runs: what it says last, and how it ends."""
-
-    def __init__(self, process: asyncio.subprocess.Process) -> None:
-        self._process = process
-        self._said = asyncio.Event()
-        self._last = ""
-        self._reading = asyncio.create_task(self._read(), name="tracker")
-
-    async def wait_until_ready(self, patience_s: float) -> None:
-        """Wait for its first line or its end, or for so long."""
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._said.wait(), patience_s)
-
-    def failure(self) -> str:
-        """How it has ended by now, although nobody told it to; empty while it runs."""
-        code = self._process.returncode
-        if code is None:
-            return ""
-        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-        return f"the tracker ended by itself, {how}" + (f": {self._last}" if self._last else "")
-
-    async def end(self) -> None:
-        """Tell it to end, and kill it if it does not."""
-        end_group(self._process, kill=False)
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._process.wait(), TERM_S)
-        end_group(self._process, kill=True)
-        await self._process.wait()
-        self._reading.cancel()
-        await asyncio.gather(self._reading, return_exceptions=True)
-
-    async def _read(self) -> None:
-        """Read what it says, so that it never waits: the last line counts."""
-        stream = self._process.stdout
-        line = b""
-        while stream is not None and (octets := await stream.read(1 << 16)):
-            *whole, line = (line + octets).split(b"\n")
-            line = line[-MAX_LINE:]
-            if whole:
-                self._said.set()
-                last = next((each for each in reversed(whole) if each.strip()), b"")
-                self._last = last[-MAX_LINE:].decode(errors="replace").strip() or self._last
-        self._last = line.decode(errors="replace").strip() or self._last
-        self._said.set()
 
 
 # Figures of the printed table and the picture, with their titles and how they are printed: as known
