@@ -136,8 +136,8 @@ def _asterix(category: int, summary: str, **more: Any) -> Flow:
     )
 
 
-def _json(name: str, summary: str, *, of: str = "{prefix}", **more: Any) -> Flow:
-    """A flow of JSON on the topic of its name below those levels."""
+def _below(name: str, summary: str, *, of: str = "{prefix}", **more: Any) -> Flow:
+    """A flow, of JSON unless told otherwise, on the topic of its name below those levels."""
     how = {"kind": f"plotfeed.{name}", "content_type": JSON, "address": f"{of}/{name}", **more}
     return Flow(name=name, summary=summary, **how)
 
@@ -145,25 +145,25 @@ def _json(name: str, summary: str, *, of: str = "{prefix}", **more: Any) -> Flow
 def _of_session() -> Iterator[Flow]:
     retained: dict[str, Any] = {"qos": 1, "retain": True}
     of_sensor = {"of": "{prefix}/{sensor}", "attributes": OF_SENSOR, **retained}
-    yield _json(
+    yield _below(
         "status",
         "A sensor's state, every 5 s, at the end, and as a last will.",
         message=f"{OURS}.SensorStatus",
         **of_sensor,
     )
-    yield _json(
+    yield _below(
         "settings",
         "What the keys of a sensor are at the moment, and which control has changed.",
         schema=_object("sensor time_utc: string, controlled in_force: object"),
         **of_sensor,
     )
-    yield _json(
+    yield _below(
         "description",
         "What a sensor is, where it stands, what it covers, how well and where it reports.",
         message=f"{OURS}.SensorDescription",
         **of_sensor,
     )
-    yield _json(
+    yield _below(
         "session",
         "Which scene runs, or has run: at the start, at the end, as a last will, when "
         "another session is heard, and when a clock faster than the world's reaches another speed.",
@@ -174,17 +174,15 @@ def _of_session() -> Iterator[Flow]:
         ),
         **retained,
     )
-    yield Flow(
-        name="truth",
-        address="{prefix}/truth",
+    yield _below(
+        "truth",
+        "The ledger of sectors: whose plot is whose, what was missed. Not for trackers.",
         content_type=f"{PROTOBUF}; messageType={OURS}.LedgerBatch",
-        summary="The ledger of sectors: whose plot is whose, what was missed. Not for trackers.",
         message=f"{OURS}.LedgerBatch",
-        kind="plotfeed.truth",
         qos=0,
         needs="mqtt.truth is not false",
     )
-    yield _json(
+    yield _below(
         "score",
         "How the tracker under test and the feed do, once a second. Not for trackers.",
         qos=0,
@@ -195,7 +193,7 @@ def _of_session() -> Iterator[Flow]:
             "feed_false_rate: number, feed: array"
         ),
     )
-    yield _json(
+    yield _below(
         "errors",
         "Telemetry or a command that was refused, and why.",
         message=f"{OURS}.Refusal",
@@ -241,13 +239,13 @@ def _coming_in() -> Iterator[Flow]:
             inbound=True,
             required=REQUIRED,
         )
-    yield _json(
+    yield _below(
         "control",
         "What is to be otherwise from now on: keys of a sensor, or a simulated clock.",
         inbound=True,
         schema=_inlined(Command.model_json_schema()),
     )
-    yield _json(
+    yield _below(
         CUE_TOPIC,
         "Where the mount of a sensor is to look, for a while.",
         of="{prefix}/{sensor}",
