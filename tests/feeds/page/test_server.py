@@ -358,7 +358,7 @@ def test_the_end_of_a_session_ends_the_page_at_once_with_viewers_and_all(
         with page.feed() as feed:
             next_frame(feed)
             looking.set()
-            with pytest.raises(ConnectionClosed):
+            with pytest.raises(ConnectionClosed, match="service restart"):  # said, not cut off
                 list(frames(feed))
         closed.set()
 
