@@ -18,7 +18,6 @@ from plotfeed.feeds.page.strips import (
     BINS,
     LOSSES_KEPT,
     OFF_BELOW,
-    RANGE_BINS,
     LinkRecord,
     looks_summary,
     new_looks,
@@ -55,24 +54,6 @@ def test_memory_of_losses_is_bounded_and_bursts_stay_right() -> None:
         record.lost(number + 1, 0)
     assert record.summary()["mean_burst"] == 2.0
     assert len(record._lost_numbers) == len(record._lost_lately) == LOSSES_KEPT
-
-
-def test_what_is_expected_of_looks_are_their_odds_not_what_was_detected() -> None:
-    """Looks at 100 and 1100 m by their own Pd; nothing near was detected, all of the far were."""
-    looks = new_looks(2500.0)
-    looks.add([100.0] * 8, [0.9, 0.5] * 4, [False] * 8)
-    looks.add([1100.0] * 4, [0.25] * 4, [True] * 4)
-    found = looks_summary(looks)
-    columns = {name: found[name] for name in ("looks", "detected", "expected", "variance")}
-    assert {name: (column[1], column[11]) for name, column in columns.items()} == {
-        "looks": (8, 4),
-        "detected": (0, 4),
-        "expected": (5.6, 1.0),
-        "variance": (1.36, 0.75),
-    }
-    assert found["width_m"] == 100.0
-    assert {len(column) for column in columns.values()} == {RANGE_BINS}
-    assert sum(found["looks"]) == 12
 
 
 @pytest.mark.parametrize(
@@ -112,18 +93,6 @@ def test_delivered_and_asked_share_their_bins() -> None:
     nothing = LinkRecord().summary()
     assert nothing["delivered"] == nothing["asked"] == []
     assert nothing["mean_ms"] is nothing["asked_mean_ms"] is nothing["mean_burst"] is None
-
-
-def test_what_was_handed_over_before_a_change_is_not_judged_by_it() -> None:
-    record = LinkRecord()
-    record.begin(link(latency_ms=250.0), since_utc_ns=1000)
-    record.sent(999, 5000, duplicate=False)
-    record.lost(4, 999)
-    record.sent(999, 6000, duplicate=True)
-    found = record.summary()
-    assert (found["messages"], found["lost"], found["duplicates"]) == (0, 0, 0)
-    record.sent(1000, 5000, duplicate=False)
-    assert record.summary()["messages"] == 1
 
 
 OFTEN = 400

@@ -12,6 +12,7 @@ from support.page_updates import Frame, read_frame
 from plotfeed import testing
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.shown import MAX_KEPT
+from plotfeed.feeds.page.strips import RANGE_BINS
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.fields import frame_at
@@ -239,7 +240,7 @@ def test_news_are_told_once_and_again_in_every_snapshot_and_are_json() -> None:
     assert "Infinity" not in text
 
 
-def test_detections_are_counted_by_range_beside_what_was_predicted() -> None:
+def test_detections_are_counted_by_range_beside_what_their_odds_predict() -> None:
     view = view_of_radar(range_max_m=2500.0)
     looks = Looks(
         drone=np.zeros(12, np.int64),
@@ -249,15 +250,17 @@ def test_detections_are_counted_by_range_beside_what_was_predicted() -> None:
         azimuth_deg=np.zeros(12),
         elevation_deg=np.zeros(12),
         snr=np.ones(12),
-        pd=np.full(12, 0.75),
+        pd=np.array([0.9, 0.5, 0.9, 0.5, *[0.75] * 4, *[0.25] * 4]),
         detected=np.arange(12) % 4 != 0,
     )
     view.settled(report(plots(0), looks=looks), [])
     found = details(view)["detections"]
     assert found["width_m"] == 100.0
-    assert [i for i, n in enumerate(found["looks"]) if n] == [0, 1, 24]
-    assert found["detected"][24] == found["expected"][24] == 3
-    assert found["variance"][0] == 0.75
+    columns = [found[name] for name in ("looks", "detected", "expected", "variance")]
+    assert {len(column) for column in columns} == {RANGE_BINS}
+    assert sum(found["looks"]) == 12
+    for i, told in ((0, (4, 3, 2.8, 0.68)), (1, (4, 3, 3.0, 0.75)), (24, (4, 3, 1.0, 0.75))):
+        assert tuple(column[i] for column in columns) == pytest.approx(told)
     for keys, kept in (({"link": {"latency_ms": 5.0}}, 12), ({"pfa": 1e-5}, 0)):
         view.settings(a_radar(range_max_m=2500.0, **keys), 0)
         assert sum(details(view)["detections"]["looks"]) == kept
@@ -279,8 +282,15 @@ def test_links_are_judged_since_their_settings_changed() -> None:
     assert link["mean_ms"] == link["asked_mean_ms"] == pytest.approx(250.0)
     assert sum(link["delivered"]) == pytest.approx(1.0)
     view.settings(a_radar(), SECTOR.end_ns + 1)  # after these were handed over
-    view.settled(report(plots(1)), [sent(number=9)])
-    assert details(view)["link"]["messages"] == 0
+    view.settled(report(plots(1)), [sent(number=9), lost(number=10), sent(number=9, copy=1)])
+    view.update(later_ns, 0.0)
+    link = details(view)["link"]
+    assert (link["messages"], link["lost"], link["duplicates"]) == (0, 0, 0)
+    view.settled(
+        report(plots(1)),
+        [sent(number=11, link_due_utc_ns=SECTOR.end_ns + 1, due_utc_ns=SECTOR.end_ns + 1)],
+    )
+    assert details(view)["link"]["messages"] == 1
 
 
 def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None:
