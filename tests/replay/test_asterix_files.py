@@ -184,6 +184,14 @@ def test_a_recording_of_others_comes_out_again_to_the_octet(frame_file: Path) ->
     assert written(FinalWriter, messages * 3) == data * 3
 
 
+def test_frames_are_whole_however_small_the_pieces_in_which_they_are_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("plotfeed.replay.recorded.CHUNK_OCTETS", 5)
+    data = b"".join(frame(PLOT, ticks) for ticks in range(5))
+    assert [each.payload for each in got(data)] == [PLOT] * 5
+
+
 def test_a_frame_is_a_message_on_the_topic_of_its_line() -> None:
     (one,) = got(frame(PLOT, 4_320_001, line=3, error=1, day=31))
     assert one.topic == "line/3/asterix"

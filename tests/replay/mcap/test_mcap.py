@@ -471,6 +471,8 @@ def test_what_the_official_library_writes_is_read(
     found, reader = read_log(data)
     assert reader.damage == []
     assert [m.log_time_ns for m in found] == list(range(1, 102))
+    assert reader.times_ns == (1, 101)
+    assert [m.log_time_ns for m in reader.messages(50, 60)] == list(range(50, 60))
     for message in found:
         n = TIMES.index(message.log_time_ns)
         topic, kind = (

@@ -82,6 +82,8 @@ def test_a_track_of_kml_without_heights_says_so() -> None:
     relative = flown(".kml", text.replace("absolute", "relativeToGround"))
     assert relative.reports[0].altitude_reference is AltitudeReference.ABOVE_TAKEOFF
     assert any("above the ground are taken" in line for line in relative.assumed)
+    told = flown(".kml", text, altitude_reference=AltitudeReference.ELLIPSOID)
+    assert told.reports[0].altitude_reference is AltitudeReference.ELLIPSOID
     with pytest.raises(PlotfeedError, match="a LineString says where and not when"):
         flown(".kml", "<kml><Placemark><LineString/></Placemark></kml>")
 

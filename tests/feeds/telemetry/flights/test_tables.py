@@ -136,6 +136,12 @@ def test_columns_are_found_by_their_names_or_named_by_the_user(tmp_path: Path) -
     assert places(flown(".csv", text, altitude_reference=SEA)) == [(50.0, -30.0, 5.0)]
 
 
+def test_a_height_whose_name_says_above_what_it_is_comes_before_one_that_does_not() -> None:
+    rows = "time,lat,lon,altitude (m),height_above_takeoff (m)\n1575888575,50,-30,700,5\n"
+    (report,) = flown(".csv", rows).reports
+    assert (report.altitude_m, report.altitude_reference) == (5.0, AltitudeReference.ABOVE_TAKEOFF)
+
+
 def test_velocities_and_accuracies_come_in_the_units_of_their_columns() -> None:
     factors = {"m/s": 1.0, "km/h": 1 / 3.6, "kt": 1852 / 3600, "ft/s": 0.3048, "mph": 0.44704}
     for unit, m_s in factors.items():
