@@ -44,13 +44,13 @@ if TYPE_CHECKING:
 class Emissions(Columns):
     """What targets emit: `target` is a row of theirs, `channel` the emitter on that drone.
 
-    `emitter` is a row of the table that they are from, `share` what of their power a sensor
-    receives: all, as long as none is chosen.
+    `drone` is that of the target, `share` what of their power a sensor receives: all, as long as
+    none is chosen.
     """
 
     target: Ints
     channel: Ints
-    emitter: Ints
+    drone: Ints
     frequency_hz: Floats
     bandwidth_hz: Floats
     eirp_dbm: Floats
@@ -58,20 +58,16 @@ class Emissions(Columns):
 
 
 class EmitterTable(UserList[tuple[Emitter, ...]]):
-    """The emitters of every drone, by its index; a drone's may be set anew at little cost.
-
-    Their columns are made when they are asked for. What is put anew is put behind all others, as
-    long as there is room for it: else all are made again.
-    """
+    """The emitters of every drone, by its index, and their columns, in which there is room."""
 
     def __init__(self, emitters: Iterable[tuple[Emitter, ...]] = ()) -> None:
         super().__init__(emitters)
-        self._numbers: Floats | None = None  # (3, rows)
-        self._texts: NDArray[np.object_] = np.zeros((2, 0), np.object_)
-        # Of each drone's, which follow each other.
-        self._first: Ints = np.zeros(0, np.int64)
+        # By drone, and by the channel on it: numbers, and what is said when they are decoded.
+        self._numbers: Floats = np.zeros((3, 0, 1))
+        self._texts: NDArray[np.object_] = np.zeros((2, 0, 1), np.object_)
         self._count: Ints = np.zeros(0, np.int64)
-        self._used = 0
+        for drone in range(len(self.data)):
+            self._put(drone)
 
     @classmethod
     def of(cls, emitters: Sequence[tuple[Emitter, ...]]) -> EmitterTable:
@@ -89,64 +85,55 @@ class EmitterTable(UserList[tuple[Emitter, ...]]):
         self._put(len(self.data) - 1)
 
     def cut(self, drones: int) -> None:
-        """Keep those of so many drones, the first ones, and no room for more."""
+        """Keep those of so many drones, the first ones, and not much room for more."""
         del self.data[drones:]
-        self._numbers = None
+        self._count = trimmed(self._count, drones)
+        rows = len(self._count)
+        if rows < self._numbers.shape[1]:
+            self._numbers = self._numbers[:, :rows].copy()
+            self._texts = self._texts[:, :rows].copy()
 
     def emissions(self, drones: Ints) -> Emissions:
         """Emissions of targets that are those drones, a row an emitter, in the order of targets."""
-        numbers = self._made()
-        first, count = self._first[drones], self._count[drones]
+        count = self._count[drones]
         if (count == 1).all():
-            target, channel, emitter = np.arange(len(drones)), np.zeros(len(drones), int), first
+            target, channel = np.arange(len(drones)), np.zeros(len(drones), int)
         else:
             target = np.repeat(np.arange(len(drones)), count)
             channel = np.arange(len(target)) - (np.cumsum(count) - count)[target]
-            emitter = first[target] + channel
+            drones = drones[target]
+        frequency_hz, bandwidth_hz, eirp_dbm = self._numbers[:, drones, channel]
         return Emissions(
             target=target,
             channel=channel,
-            emitter=emitter,
-            frequency_hz=numbers[0, emitter],
-            bandwidth_hz=numbers[1, emitter],
-            eirp_dbm=numbers[2, emitter],
-            share=ALL[: len(emitter)],
+            drone=drones,
+            frequency_hz=frequency_hz,
+            bandwidth_hz=bandwidth_hz,
+            eirp_dbm=eirp_dbm,
+            share=ALL[: len(target)],
         )
 
     def kinds(self, emissions: Emissions) -> Texts:
         """Kinds of emissions that are from here; (n,)."""
-        return np.asarray(self._texts[0, emissions.emitter])
+        return np.asarray(self._texts[0, emissions.drone, emissions.channel])
 
     def identities(self, emissions: Emissions) -> Texts:
         """What emissions that are from here say when they are decoded; (n,)."""
-        return np.asarray(self._texts[1, emissions.emitter])
-
-    def _made(self) -> Floats:
-        """Numbers of all emitters, with room for as many again."""
-        if self._numbers is None:
-            rows, drones = 2 * sum(map(len, self.data)) + 16, len(self.data)
-            self._numbers, self._texts = np.zeros((3, rows)), np.full((2, rows), "", np.object_)
-            self._first, self._count = np.zeros((2, drones), np.int64)
-            self._used = 0
-            for drone, emitters in enumerate(self.data):
-                if emitters:
-                    self._put(drone)
-        return self._numbers
+        return np.asarray(self._texts[1, emissions.drone, emissions.channel])
 
     def _put(self, drone: int) -> None:
-        """Put a drone's emitters into columns that are made already, if there is room."""
-        emitters, start = self.data[drone], self._used
-        end = start + len(emitters)
-        if self._numbers is None or end > self._numbers.shape[1]:
-            self._numbers = None
-            return
-        self._first, self._count = (
-            with_room(column, drone + 1) for column in (self._first, self._count)
-        )
-        for i, e in enumerate(emitters, start):
-            self._numbers[:, i] = e.frequency_hz, e.bandwidth_hz, e.eirp_dbm
-            self._texts[:, i] = e.kind, e.identity
-        self._first[drone], self._count[drone], self._used = start, len(emitters), end
+        """Put a drone's emitters into the columns."""
+        emitters, (_, rows, most) = self.data[drone], self._numbers.shape
+        if drone >= rows or len(emitters) > most:
+            self._count = with_room(self._count, len(self.data))
+            room = (len(self._count), max(most, len(emitters)))
+            numbers, texts = np.zeros((3, *room)), np.zeros((2, *room), np.object_)
+            numbers[:, :rows, :most], texts[:, :rows, :most] = self._numbers, self._texts
+            self._numbers, self._texts = numbers, texts
+        for i, e in enumerate(emitters):
+            self._numbers[:, drone, i] = e.frequency_hz, e.bandwidth_hz, e.eirp_dbm
+            self._texts[:, drone, i] = e.kind, e.identity
+        self._count[drone] = len(emitters)
 
 
 ALL = endless(1.0, np.float64)

@@ -128,15 +128,6 @@ class ElectronicRadar(DwellingSensor):
             spacing=self.steering.beam_spacing,
         )
 
-    @property
-    def beams(self) -> int:
-        """Number of beams of search."""
-        return self.grid.beams
-
-    def sigmas(self, snr: Floats) -> Floats:
-        """Standard deviations of range, azimuth and elevation, rows, of the radar."""
-        return self.radar.sigmas(snr)
-
     def observe_scan(
         self, targets: Targets, sector: Sector, rng: np.random.Generator
     ) -> tuple[Looks, Plots]:
@@ -161,12 +152,12 @@ class ElectronicRadar(DwellingSensor):
         searched, confirmed, beams = self._searched(agenda.next_beam, len(due), period)
         tracks = self._with_new(tracks, confirmed, sector)
         every = Looks.joined([looks, searched]), Plots.joined([plots, confirmed])
-        next_beam = (agenda.next_beam + beams) % self.beams
+        next_beam = (agenda.next_beam + beams) % self.grid.beams
         return *every, Agenda(next_beam, tracks, beams, sector.start_ns)
 
     def pointed(self, agenda: Agenda) -> PointedBeams:
         """Where the beams of the last period pointed, by the agenda after it."""
-        beams = (agenda.next_beam - 1 - np.arange(agenda.searched)) % self.beams
+        beams = (agenda.next_beam - 1 - np.arange(agenda.searched)) % self.grid.beams
         tracks = agenda.tracks
         looked_at = (tracks.t_utc_ns > agenda.start_ns) | (tracks.misses > 0)
         return PointedBeams(
@@ -256,17 +247,17 @@ class ElectronicRadar(DwellingSensor):
     def _searched(self, next_beam: int, first: int, period: _Period) -> tuple[Looks, Plots, int]:
         """Looks of search and confirmation, what was confirmed, and the number of beams."""
         left, rng, strength = period.dwells - first, period.rng, period.strength
-        most = min(left, self.beams)
+        most = min(left, self.grid.beams)
         # Who is at a beam when it points there: first by where all are when the period ends.
         there, rows = period.targets, np.arange(len(period.targets))
         for _ in range(2):
             geometry = enu_to_aer(there.position_enu_m)
-            place = (self.grid.beam_of(*geometry[:2]) - next_beam) % self.beams
+            place = (self.grid.beam_of(*geometry[:2]) - next_beam) % self.grid.beams
             met = np.flatnonzero((place < most) & self._reports(geometry))
             met = met[np.argsort(place[met], kind="stable")]
             rows, place = rows[met], place[met]
             there = period.at(rows, period.ends_ns(first + place))
-        pointed = self.grid.middle_of((next_beam + place) % self.beams)
+        pointed = self.grid.middle_of((next_beam + place) % self.grid.beams)
         looks, powers = self._looked(there, pointed, strength[rows], SEARCH, rng)
         hit = np.zeros(most, np.bool_)
         hit[place[looks.detected]] = True

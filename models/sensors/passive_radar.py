@@ -294,12 +294,6 @@ class PassiveRadar(Volume, FarTransmitters):
             **columns,
         )
 
-    def stated_sigmas(self, snr: float) -> dict[str, float]:
-        """Errors by the SNR alone, of the transmitter by whose signal ranges are worst."""
-        channels = np.arange(self.n_channels)
-        stated = self.sigmas_at(np.full(len(channels), snr), channels)
-        return {name: float(sigma.max()) for name, sigma in stated.items()}
-
     def sigmas_at(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:
         """Standard deviations that follow from detections' own ratios, linear, by the columns."""
         sigmas = self.sigmas(snr, self.range_resolution_m[channel], self.range_floors_m[channel])

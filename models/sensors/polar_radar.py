@@ -428,8 +428,10 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
     def sigmas_at(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:
         """Standard deviations that follow from detections' own ratios, linear, by the columns."""
-        of_place = zip(("range_m", "azimuth_deg", "elevation_deg"), self.sigmas(snr), strict=True)
-        found = {f"sigma_{name}": sigma for name, sigma in of_place}
+        range_m, azimuth_deg, elevation_deg = self.sigmas(snr)
+        found = {"sigma_range_m": range_m, "sigma_azimuth_deg": azimuth_deg}
+        if self.measures_elevation:
+            found["sigma_elevation_deg"] = elevation_deg
         if self.doppler is not None:
             found["sigma_range_rate_m_s"] = self.doppler.sigma_m_s(snr, channel)
         return found
@@ -509,12 +511,6 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         from plotfeed.models.effects.doppler import range_rate_m_s
 
         return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
-
-    def stated_sigmas(self, snr: float) -> dict[str, float]:
-        """Errors by the SNR alone."""
-        stated = self.sigmas_at(np.array([snr]), np.zeros(1, np.int64))
-        measured = stated if self.measures_elevation else stated.keys() - {"sigma_elevation_deg"}
-        return {name: float(sigma[0]) for name, sigma in stated.items() if name in measured}
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; over all places of the intervals in a beam that passes."""

@@ -516,12 +516,20 @@ class SensorModel(Stackable, ABC):
         Rates of range count where velocities are given.
         """
 
-    def stated_sigmas(self, snr: float) -> dict[str, float]:  # noqa: ARG002
+    @property
+    def n_channels(self) -> int:
+        """Signals by which a target is looked at, detected and plotted by itself."""
+        return 1
+
+    def stated_sigmas(self, snr: float) -> dict[str, float]:
         """What plots state of their errors at a detection's own SNR, by the names of `Plots`.
 
-        Amidst the cover, where errors change with the place; nothing of a sensor that states none.
+        By the worst channel, and amidst the cover, where errors change with the place; nothing of a
+        sensor that states none.
         """
-        return {}
+        channels = np.arange(self.n_channels)
+        stated = self.sigmas_at(np.full(len(channels), snr), channels)
+        return {name: float(sigma.max()) for name, sigma in stated.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

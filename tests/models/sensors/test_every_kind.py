@@ -512,7 +512,6 @@ def test_what_is_stated_of_an_snr_is_what_plots_of_it_state() -> None:
     assert gate.stated_sigmas(1.0) == pytest.approx(
         {"sigma_range_m": 3.0, "sigma_azimuth_deg": across_deg, "sigma_elevation_deg": across_deg}
     )
-    assert SensorModel.stated_sigmas(object(), 10.0) == {}  # type: ignore[arg-type]
 
 
 def test_bearings_of_emissions_are_stated_amidst_the_band() -> None:
