@@ -212,7 +212,6 @@ NONE = -1  # The number of no sample
 SIGMA_VELOCITY_M_S = 1.0
 MAX_FIT_SAMPLES = 20
 MAX_FIT_S = 6.0  # Longer than this a drone does not fly straight
-FITTED_AT_ONCE = 1 << 14  # Of the samples of a recorded flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,6 +308,22 @@ def stretches_between(  # noqa: PLR0917
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class FlightSamples(Columns):
+    """Where drones were, WGS-84 with heights above the ellipsoid, and how they flew, (n, 3), ENU.
+
+    Components of velocities that are NaN are fitted to the latest positions; `sigma_m`, the
+    positions' standard deviation, says over how many, NaN where it is not known.
+    """
+
+    t_utc_ns: Ints
+    latitude_deg: Floats
+    longitude_deg: Floats
+    height_m: Floats
+    velocity_enu_m_s: Floats
+    sigma_m: Floats
+
+
 class LiveSamples:
     """A log of samples, by the rows of their drones; what is too old for anybody is forgotten."""
 
@@ -381,8 +396,12 @@ class LiveSamples:
         """Give samples their velocities; (n, 3)."""
         self._velocity_ecef_m_s[numbers] = velocity_ecef_m_s
 
+    def path(self) -> tuple[Floats, Floats]:
+        """Positions and velocities of all samples; (n, 3) each."""
+        return self._position_ecef_m[: self._number], self._velocity_ecef_m_s[: self._number]
+
     def fitted_velocity(self, numbers: Ints, sigma_m: Floats) -> Floats:
-        """Velocities of samples by `fit_velocity` over them and those before; (n, 3), ECEF."""
+        """Velocities of samples by `fit_velocities` over them and those before; (n, 3), ECEF."""
         if not len(numbers):
             return np.zeros((0, 3))
         chain = np.full((len(numbers), MAX_FIT_SAMPLES), NONE)
@@ -745,67 +764,31 @@ class Trajectories:
     def add_samples(
         self,
         drones: Sequence[str],
-        t_utc_ns: Ints,
-        *,
-        latitude_deg: Floats,
-        longitude_deg: Floats,
-        height_m: Floats,
-        velocity_enu_m_s: Floats,
-        sigma_m: Floats,
+        samples: FlightSamples,
         signatures: Signatures,
         starts: Sequence[int] = (),
     ) -> None:
-        """Add samples (n,), each later than the last of its drone; heights above the ellipsoid.
+        """Add samples (n,), each later than the last of its drone.
 
-        Velocity components (n, 3) that are NaN are fitted to the latest positions; `sigma_m`, the
-        positions' standard deviation, says over how many, NaN where it is not known. Samples that
-        no sensor can ask for any more are forgotten. It is the same whether samples are added
-        together or one after the other. To samples at indices `starts` no path leads from before,
-        and no velocity is fitted across.
+        Samples that no sensor can ask for any more are forgotten. It is the same whether samples
+        are added together or one after the other. To samples at indices `starts` no path leads from
+        before, and no velocity is fitted across.
         """
         rows = np.array(self._rows(drones), np.int64)
-        position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
-        numbers = self._live.add(rows, t_utc_ns, position_ecef_m, starts)
-        to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
-        fitted = self._live.fitted_velocity(numbers[to_fit], _or_default(sigma_m[to_fit]))
-        axes = axes_enu(latitude_deg, longitude_deg)
-        self._live.fly(numbers, _velocity_ecef(axes, velocity_enu_m_s, to_fit, fitted))
+        _log(samples, rows, self._live, starts)
         self._changed(rows, signatures)
 
     def add_flight(
-        self,
-        drone: str,
-        t_utc_ns: Ints,
-        *,
-        latitude_deg: Floats,
-        longitude_deg: Floats,
-        height_m: Floats,
-        velocity_enu_m_s: Floats,
-        sigma_m: Floats,
-        signature: Signature,
-        starts: Sequence[int] = (),
+        self, drone: str, samples: FlightSamples, signature: Signature, starts: Sequence[int] = ()
     ) -> KnownTrack:
         """All samples (n,) of a drone that has none yet, as `add_samples`; none is forgotten."""
-        position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
-        to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
-        begins = np.zeros(len(t_utc_ns), np.int64)
-        begins[list(starts)] = starts
-        counts = (to_fit + 1 - np.maximum.accumulate(begins)[to_fit]).clip(max=MAX_FIT_SAMPLES)
-        sigma_m, fitted = _or_default(sigma_m[to_fit]), np.zeros((len(to_fit), 3))
-        for first in range(0, len(to_fit), FITTED_AT_ONCE):
-            part = slice(first, first + FITTED_AT_ONCE)
-            near = (to_fit[part, None] + np.arange(1 - MAX_FIT_SAMPLES, 1)).clip(min=0)
-            of_near = t_utc_ns[near], position_ecef_m[near]
-            fitted[part] = fit_velocities(*of_near, counts[part], sigma_m[part])
-        fitted = within_speed(fitted, self._max_speed_m_s)
-        axes = axes_enu(latitude_deg, longitude_deg)
-        velocity_ecef_m_s = _velocity_ecef(axes, velocity_enu_m_s, to_fit, fitted)
+        n, stale_ns = len(samples), self.stale_after_ns
+        flown = LiveSamples(
+            stale_after_ns=stale_ns, history_ns=FOREVER_NS, max_speed_m_s=self._max_speed_m_s
+        )
+        _log(samples, np.zeros(n, np.int64), flown, starts)
         track = KnownTrack(
-            t_utc_ns.tolist(),
-            position_ecef_m,
-            velocity_ecef_m_s,
-            self.stale_after_ns,
-            self.stale_after_ns,
+            *(samples.t_utc_ns.tolist(), *flown.path(), stale_ns, stale_ns),
             starts=frozenset(starts),
         )
         self.add_track(drone, track, signature)
@@ -956,19 +939,18 @@ class Trajectories:
         return found
 
 
-def _or_default(sigma_m: Floats) -> Floats:
-    return np.where(np.isnan(sigma_m), DEFAULT_SIGMA_M, sigma_m)
-
-
-def _velocity_ecef(
-    axes: Floats, velocity_enu_m_s: Floats, to_fit: Ints, fitted_ecef_m_s: Floats
-) -> Floats:
-    """Velocities (n, 3) in ECEF, by axes (3, 3, n); what is NaN in rows `to_fit` is as fitted."""
-    known = velocity_enu_m_s
+def _log(samples: FlightSamples, drones: Ints, into: LiveSamples, starts: Sequence[int]) -> None:
+    """Log samples of drones, with the velocities that they tell, or that are fitted."""
+    place = samples.latitude_deg, samples.longitude_deg
+    position_ecef_m = geodetic_to_ecef(*place, samples.height_m)
+    numbers = into.add(drones, samples.t_utc_ns, position_ecef_m, starts)
+    known, axes = samples.velocity_enu_m_s, axes_enu(*place)
+    to_fit = np.flatnonzero(np.isnan(known).any(axis=1))
     if len(to_fit):
-        (x, y, z), turned = fitted_ecef_m_s.T, axes[:, :, to_fit]
-        known, fitted = known.copy(), (x * turned[:, 0] + y * turned[:, 1] + z * turned[:, 2]).T
+        sigma_m = np.where(np.isnan(samples.sigma_m), DEFAULT_SIGMA_M, samples.sigma_m)
+        x, y, z = into.fitted_velocity(numbers[to_fit], sigma_m[to_fit]).T
+        turned, known = axes[:, :, to_fit], known.copy()
+        fitted = (x * turned[:, 0] + y * turned[:, 1] + z * turned[:, 2]).T
         known[to_fit] = np.where(np.isnan(known[to_fit]), fitted, known[to_fit])
     east, north, up = known.T
-    velocity: Floats = (east * axes[0] + north * axes[1] + up * axes[2]).T
-    return velocity
+    into.fly(numbers, (east * axes[0] + north * axes[1] + up * axes[2]).T)

@@ -35,7 +35,14 @@ from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatu
 from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity, to_ecef
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import DRONE, Bools, Emitter, Floats, Ints, Signature
-from plotfeed.models.truth import FOREVER_NS, MAX_TRACKS, KnownTrack, Stretches, Trajectories
+from plotfeed.models.truth import (
+    FOREVER_NS,
+    MAX_TRACKS,
+    FlightSamples,
+    KnownTrack,
+    Stretches,
+    Trajectories,
+)
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -172,17 +179,15 @@ def fly_recorded(
     longitude_deg = [report.longitude_deg for report in reports]
     altitude_m = [report.altitude_m for report in reports]
     shift_ns = begin_ns - reports[0].t_utc_ns
-    track = trajectories.add_flight(
-        drone.id,
-        np.array([report.t_utc_ns + shift_ns for report in reports], np.int64),
+    samples = FlightSamples(
+        t_utc_ns=np.array([report.t_utc_ns + shift_ns for report in reports], np.int64),
         latitude_deg=np.array(latitude_deg),
         longitude_deg=np.array(longitude_deg),
         height_m=datum.heights_m(latitude_deg, longitude_deg, altitude_m, references),
         velocity_enu_m_s=np.array([report.velocity_enu_m_s for report in reports]),
         sigma_m=np.array([report.sigma_m for report in reports]),
-        signature=signature_of(scene, drone),
-        starts=flight.starts,
     )
+    track = trajectories.add_flight(drone.id, samples, signature_of(scene, drone), flight.starts)
     return track.later(-begin_ns)
 
 

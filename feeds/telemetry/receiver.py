@@ -23,7 +23,7 @@ from plotfeed.feeds.telemetry.position_report import (
     fast_decode,
 )
 from plotfeed.models.state import DRONE, Signatures
-from plotfeed.models.truth import MAX_FIT_SAMPLES, Trajectories
+from plotfeed.models.truth import MAX_FIT_SAMPLES, FlightSamples, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
@@ -182,26 +182,23 @@ class TelemetryReceiver:
         horizontal, vertical, _, rcs, sound, size, emitters, said = others
         rcs_m2, sound_power_db, size_m = np.array(rcs), np.array(sound), np.array(size)
         classes = [name or DRONE for name in said]
-        self._trajectories.add_samples(
-            names,
-            np.array(t, np.int64),
+        samples = FlightSamples(
+            t_utc_ns=np.array(t, np.int64),
             latitude_deg=np.array(latitude),
             longitude_deg=np.array(longitude),
             height_m=self._datum.heights_m(latitude, longitude, altitude, references),
             velocity_enu_m_s=np.array(velocity),
             sigma_m=np.fmax(horizontal, vertical),
-            signatures=Signatures(
-                rcs_m2=np.where(np.isnan(rcs_m2), self._rcs_m2, rcs_m2),
-                sound_power_db=np.where(
-                    np.isnan(sound_power_db), self._sound_power_db, sound_power_db
-                ),
-                emitters=emitters,
-                size_m=np.where(np.isnan(size_m), self._size_m, size_m),
-                target_class=np.array(classes, np.object_),
-                echoes=self._echoes and self._echoes.of(classes),
-            ),
-            starts=starts,
         )
+        signatures = Signatures(
+            rcs_m2=np.where(np.isnan(rcs_m2), self._rcs_m2, rcs_m2),
+            sound_power_db=np.where(np.isnan(sound_power_db), self._sound_power_db, sound_power_db),
+            emitters=emitters,
+            size_m=np.where(np.isnan(size_m), self._size_m, size_m),
+            target_class=np.array(classes, np.object_),
+            echoes=self._echoes and self._echoes.of(classes),
+        )
+        self._trajectories.add_samples(names, samples, signatures, starts)
         self.taken += len(rows)
 
     def refuse(

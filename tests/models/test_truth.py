@@ -23,6 +23,7 @@ from plotfeed.models.state import (
     NS,
     Emitter,
     Floats,
+    Ints,
     Plots,
     Signature,
     Signatures,
@@ -32,6 +33,7 @@ from plotfeed.models.state import (
 from plotfeed.models.tracks import TrackLives, TrackRule
 from plotfeed.models.truth import (
     EmitterTable,
+    FlightSamples,
     KnownTrack,
     TrackChain,
     Trajectories,
@@ -365,22 +367,22 @@ def test_the_last_year_that_nanoseconds_hold_is_like_any_other() -> None:
 Sample = tuple[str, int, tuple[float, float, float], tuple[float, float, float], float]
 
 
+def flight_of(t_utc_ns: Ints, enu_m: Floats, velocity: Floats, sigma_m: Floats) -> FlightSamples:
+    latitude_deg, longitude_deg, height_m = HOME.to_geodetic(enu_m)
+    return FlightSamples(
+        t_utc_ns=t_utc_ns, latitude_deg=latitude_deg, longitude_deg=longitude_deg,
+        height_m=height_m, velocity_enu_m_s=velocity, sigma_m=sigma_m,
+    )  # fmt: skip
+
+
 def add_together(paths: Trajectories, samples: Sequence[Sample]) -> None:
     drones, times, places, velocities, sigmas = zip(*samples, strict=True)
-    latitude_deg, longitude_deg, height_m = HOME.to_geodetic(np.array(places))
     number = len(samples)
-    paths.add_samples(
-        drones,
-        np.array(times),
-        latitude_deg=latitude_deg,
-        longitude_deg=longitude_deg,
-        height_m=height_m,
-        velocity_enu_m_s=np.array(velocities),
-        sigma_m=np.array(sigmas),
-        signatures=Signatures(
-            rcs_m2=np.array(sigmas), sound_power_db=np.zeros(number), emitters=[()] * number
-        ),
+    told = flight_of(np.array(times), np.array(places), np.array(velocities), np.array(sigmas))
+    signatures = Signatures(
+        rcs_m2=np.array(sigmas), sound_power_db=np.zeros(number), emitters=[()] * number
     )
+    paths.add_samples(drones, told, signatures)
 
 
 STEP_MS = st.integers(1, 400) | st.sampled_from([2_999, 3_000, 3_001, 20_000])
@@ -434,34 +436,14 @@ def test_samples_added_together_are_those_added_one_after_the_other(
 def test_a_flight_is_as_if_it_had_been_told_live() -> None:
     rng = np.random.default_rng(7)
     t_ns = T0 + np.cumsum(rng.integers(20, 3_500, 200)) * 1_000_000
-    latitude_deg, longitude_deg, height_m = HOME.to_geodetic(
-        np.cumsum(rng.normal(size=(200, 3)), 0)
-    )
+    enu_m = np.cumsum(rng.normal(size=(200, 3)), 0)
     velocity = rng.normal(size=(200, 3))
     velocity[rng.random((200, 3)) < 0.2] = np.nan
+    samples = flight_of(t_ns, enu_m, velocity, np.full(200, 2.0))
     live, flight = trajectories(history_s=1e6), trajectories()
-    for i, t in enumerate(t_ns.tolist()):
-        add_sample(
-            live,
-            "a",
-            t,
-            latitude_deg=float(latitude_deg[i]),
-            longitude_deg=float(longitude_deg[i]),
-            height_m=float(height_m[i]),
-            velocity_enu_m_s=velocity[i].tolist(),
-            sigma_m=2.0,
-            signature=SIGNATURE,
-        )
-    flight.add_flight(
-        "a",
-        t_ns,
-        latitude_deg=latitude_deg,
-        longitude_deg=longitude_deg,
-        height_m=height_m,
-        velocity_enu_m_s=velocity,
-        sigma_m=np.full(200, 2.0),
-        signature=SIGNATURE,
-    )
+    for i in range(200):
+        live.add_samples(["a"], samples.between(i, i + 1), Signatures.of_one(SIGNATURE))
+    flight.add_flight("a", samples, SIGNATURE)
     for t in rng.integers(t_ns[0] - NS, t_ns[-1] + 5 * NS, 300).tolist():
         one, other = live.state_at(t), flight.state_at(t)
         np.testing.assert_array_equal(one.position_ecef_m, other.position_ecef_m)
@@ -471,21 +453,13 @@ def test_a_flight_is_as_if_it_had_been_told_live() -> None:
 
 def test_no_velocity_is_fitted_over_the_start_of_another_flight() -> None:
     t_ns = T0 + np.arange(12) * NS
-    latitude_deg = 40.0 + 1e-4 * np.arange(12) + 0.01 * (np.arange(12) >= 6)
+    east_m = 10.0 * np.arange(12) + 1000.0 * (np.arange(12) >= 6)
+    enu_m = np.stack([east_m, np.zeros(12), np.zeros(12)], axis=1)
+    whole = flight_of(t_ns, enu_m, np.full((12, 3), np.nan), np.full(12, 2.0))
 
     def velocities(first: int, *starts: int) -> Any:
-        flight, n = trajectories(), 12 - first
-        flight.add_flight(
-            "a",
-            t_ns[first:],
-            latitude_deg=latitude_deg[first:],
-            longitude_deg=np.full(n, 10.0),
-            height_m=np.full(n, 100.0),
-            velocity_enu_m_s=np.full((n, 3), np.nan),
-            sigma_m=np.full(n, 2.0),
-            signature=SIGNATURE,
-            starts=starts,
-        )
+        flight = trajectories()
+        flight.add_flight("a", whole.between(first, 12), SIGNATURE, starts)
         return np.array([flight.state_at(t).velocity_ecef_m_s for t in t_ns[6:].tolist()])
 
     np.testing.assert_array_equal(velocities(0, 0, 6), velocities(6, 0))
@@ -560,18 +534,9 @@ def test_a_week_of_a_thousand_names_an_hour_holds_no_more_than_an_hour_of_them()
         names = [f"{hour}-{i}" for i in range(1000)]
         n = len(names) + 1
         t_utc_ns = np.full(n, T0 + hour * 3600 * NS + NS)
-        trajectories.add_samples(
-            [*names, "stays"],
-            t_utc_ns,
-            latitude_deg=np.full(n, 40.0),
-            longitude_deg=np.full(n, -3.0),
-            height_m=np.full(n, 700.0),
-            velocity_enu_m_s=np.zeros((n, 3)),
-            sigma_m=np.full(n, 1.0),
-            signatures=trajectories.signatures.__class__(
-                rcs_m2=np.ones(n), sound_power_db=np.ones(n), emitters=[RADIO] * n
-            ),
-        )
+        told = flight_of(t_utc_ns, np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, 1.0))
+        signatures = Signatures(rcs_m2=np.ones(n), sound_power_db=np.ones(n), emitters=[RADIO] * n)
+        trajectories.add_samples([*names, "stays"], told, signatures)
         assert len(trajectories.state_at(int(t_utc_ns[0]))) == n
         trajectories.forget(names)
         sizes.append(held(trajectories))

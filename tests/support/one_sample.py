@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plotfeed.models.state import Signature, Signatures
-from plotfeed.models.truth import Trajectories
+from plotfeed.models.truth import FlightSamples, Trajectories
 
 
 def add_sample(
@@ -23,13 +23,12 @@ def add_sample(
     signature: Signature,
 ) -> None:
     """Add it as `add_samples` does."""
-    into.add_samples(
-        [drone],
-        np.array([t_utc_ns], np.int64),
+    samples = FlightSamples(
+        t_utc_ns=np.array([t_utc_ns], np.int64),
         latitude_deg=np.array([latitude_deg]),
         longitude_deg=np.array([longitude_deg]),
         height_m=np.array([height_m]),
         velocity_enu_m_s=np.array([velocity_enu_m_s or [np.nan] * 3], float),
         sigma_m=np.array([np.nan if sigma_m is None else sigma_m]),
-        signatures=Signatures.of_one(signature),
     )
+    into.add_samples([drone], samples, Signatures.of_one(signature))
