@@ -171,10 +171,7 @@ def sidelobe_plots(
     away = _turned_away(radar, sector)
     azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
     near = np.flatnonzero((range_m >= radar.range_min_m) & (range_m <= radar.range_max_m))
-    snrs, order = away.look_snrs(targets, near), away.orders(targets, near)
-    if targets.strengths is not None:
-        of_looks = targets.drone[near], targets.t_utc_ns[near]
-        snrs, order = targets.strengths.applied(snrs, order, *of_looks)
+    snrs, order = away.look_strengths(targets, near)
     pd, rate_m_s = np.nan_to_num(away.pd(snrs, order)) * away.pd_factor, None
     if away.doppler is not None and targets.velocity_enu_m_s is not None:
         place_enu_m = targets.true_position_enu_m[near]

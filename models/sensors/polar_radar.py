@@ -83,10 +83,6 @@ class EchoRadar(RadioSensor, ABC):
         """Whether its Doppler cells are modelled."""
         return self.doppler is not None
 
-    @abstractmethod
-    def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
-        """How echoes of those rows of targets, the model's own, come to it."""
-
     def with_jammers_behind(self, way: OnTheWay) -> Self:
         """The radar with what an obstruction leaves of its jammers."""
         if self.echo_effects is None:
@@ -136,17 +132,45 @@ class EchoRadar(RadioSensor, ABC):
             )
         return powers
 
-    @abstractmethod
-    def _odds(self, powers: Floats, channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
-        """Mean signal-to-noise ratio and Pd of echoes; (n, ...) and (n,) in, each (n,) out."""
+    @property
+    def transmitters_enu_m(self) -> Sequence[Floats] | None:
+        """Places of the transmitters of its signals, each (3,) or (n, 3); None for its own."""
+        return None
 
-    @abstractmethod
-    def _range_rates(self, targets: Targets, rows: Ints | slice, channel: Ints) -> Floats | None:
+    def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
+        """How echoes of those rows of targets, the model's own, come to it."""
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[rows])
+        rate_m_s = self._range_rates(targets, rows, np.zeros(len(range_m), np.int64))
+        from plotfeed.models.effects.echo_effects import EchoPaths
+
+        return EchoPaths(
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            place_enu_m=targets.true_position_enu_m[rows],
+            transmitters_enu_m=self.transmitters_enu_m,
+            measured_m=range_m[:, None],
+            rates_m_s=None if rate_m_s is None else rate_m_s[:, None],
+        )
+
+    def _range_rates(self, targets: Targets, rows: Ints | slice, _channel: Ints) -> Floats | None:
         """How fast what it measures of ranges grows, if that is modelled and known; (n,)."""
+        if self.doppler is None or targets.velocity_enu_m_s is None:
+            return None
+        from plotfeed.models.effects.doppler import range_rate_m_s
+
+        return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
+
+    def _with_range(self, looks: Looks, _targets: Targets, *_rows: Ints | slice) -> Looks:
+        """Looks with the ranges that it measures; of these rows of targets, of them these."""
+        return looks
 
     @abstractmethod
-    def _with_range(self, looks: Looks, targets: Targets, *rows: Ints | slice) -> Looks:
-        """Looks with the ranges that it measures; of these rows of targets, of them these."""
+    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
+        """Probability of detection of looks of those ratios, by how their targets fluctuate."""
+
+    def _odds(self, powers: Floats, _channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
+        """Mean signal-to-noise ratio and Pd of echoes; (n, ...) and (n,) in, each (n,) out."""
+        return mean_over_signals(powers), self.pd(powers, order)
 
     @abstractmethod
     def measured(self, hits: Hits, targets: Targets) -> Plots:
@@ -463,24 +487,15 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         every = left[:, :, None] * snrs[:, None]
         return np.asarray(every.reshape(len(snrs), left.shape[1] * snrs.shape[1]))
 
-    def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[rows])
-        rate_m_s = self._range_rates(targets, rows)
-        from plotfeed.models.effects.echo_effects import EchoPaths
+    def look_strengths(self, targets: Targets, rows: Ints | slice) -> tuple[Floats, Floats | None]:
+        """Ratios of those rows of targets, (n, K), and orders by which they fluctuate, (n,).
 
-        return EchoPaths(
-            azimuth_deg=azimuth_deg,
-            elevation_deg=elevation_deg,
-            place_enu_m=targets.true_position_enu_m[rows],
-            transmitters_enu_m=self.transmitters_enu_m,
-            measured_m=range_m[:, None],
-            rates_m_s=None if rate_m_s is None else rate_m_s[:, None],
-        )
-
-    @property
-    def transmitters_enu_m(self) -> Sequence[Floats] | None:
-        """Places of the transmitters of its signals, each (3,) or (n, 3); None for its own."""
-        return None
+        Given how strong the targets are then, where that stays for a while.
+        """
+        snrs, order = self.look_snrs(targets, rows), self.orders(targets, rows)
+        if targets.strengths is None:
+            return snrs, order
+        return targets.strengths.applied(snrs, order, targets.drone[rows], targets.t_utc_ns[rows])
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Look once at each target within cover, and plot those detected.
@@ -490,27 +505,11 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
         of_covered = self.rows(covered)
-        snrs, order = of_covered.look_snrs(targets, covered), of_covered.orders(targets, covered)
-        if targets.strengths is not None:
-            of_looks = targets.drone[covered], targets.t_utc_ns[covered]
-            snrs, order = targets.strengths.applied(snrs, order, *of_looks)
+        snrs, order = of_covered.look_strengths(targets, covered)
         channel = np.zeros(len(snrs), np.int64)
         return of_covered._looks_and_plots(
             targets, covered, geometry, of_rows(rng, covered), snrs, channel, order
         )
-
-    def _odds(self, powers: Floats, _channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
-        return mean_over_signals(powers), self.pd(powers, order)
-
-    def _with_range(self, looks: Looks, *_where: Any) -> Looks:
-        return looks
-
-    def _range_rates(self, targets: Targets, rows: Ints | slice, *_: Any) -> Floats | None:
-        if self.doppler is None or targets.velocity_enu_m_s is None:
-            return None
-        from plotfeed.models.effects.doppler import range_rate_m_s
-
-        return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; over all places of the intervals in a beam that passes."""
@@ -535,7 +534,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         if self.doppler is not None:
             channel = np.zeros(len(snrs), np.int64)
             sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel) * self.error_factor
-            rate_m_s = self._range_rates(targets, slice(None))
+            rate_m_s = self._range_rates(targets, EVERY_ROW, channel)
             if rate_m_s is not None:
                 pd = pd * self.doppler.share_passed(rate_m_s, channel)
         return Prediction(
