@@ -567,10 +567,6 @@ def test_nothing_is_said_within_and_everything_outside_again() -> None:
         _ = ZERO / ZERO
 
 
-def test_it_keeps_its_name_and_words() -> None:
-    assert inner.__name__ == "inner"
-
-
 @pytest.mark.parametrize("steep", [0.1, 1.0, 50.0])
 @pytest.mark.parametrize("at", [-4.0, 0.1, 9.0])
 def test_a_root_is_scipys_to_the_bit(at: float, steep: float) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from plotfeed.models import accuracy, detection, propagation
-from plotfeed.models.frames import LocalFrame, wrap_360
+from plotfeed.models import detection, propagation
+from plotfeed.models.frames import LocalFrame
 
 
 def test_a_pd_of_a_trillionth_keeps_its_digits() -> None:
@@ -45,23 +45,3 @@ def test_a_position_of_single_precision_loses_metres_and_ours_does_not() -> None
     rounded = frame.from_ecef(ecef_m.astype(np.float32))
     assert np.abs(rounded - [1234.5678, -987.6543, 55.5]).max() > 0.05
     assert np.abs(frame.from_ecef(ecef_m) - [1234.5678, -987.6543, 55.5]).max() < 5e-9
-
-
-@pytest.mark.parametrize("snr_db", [1e3, 1e4, -1e3, -1e4])
-def test_a_listener_far_from_its_sensitivity_is_certain(snr_db: float) -> None:
-    assert detection.pd_logistic(snr_db, 0.0) == (1.0 if snr_db > 0 else pytest.approx(0.0))
-
-
-def test_looks_of_equal_snr_have_a_pd() -> None:
-    equal = detection.pd_noncoherent_unequal_cfar(np.full(3, 10.0), 1e-6, 10**5)
-    assert equal == pytest.approx(float(detection.pd_noncoherent_swerling2(10.0, 1e-6, 3)), 1e-4)
-
-
-def test_an_infinite_ratio_leaves_the_floor_of_errors() -> None:
-    assert accuracy.with_floor(accuracy.sigma_range_m(np.inf, 10.0), 0.3) == 0.3
-    assert accuracy.with_floor(accuracy.sigma_angle_deg(np.inf, 2.0), 0.1) == 0.1
-
-
-def test_an_angle_a_hair_below_north_is_north() -> None:
-    assert (-1e-17) % 360 == 360.0
-    assert wrap_360(-1e-17) == 0.0

@@ -93,15 +93,6 @@ def test_what_the_camera_does_not_know_stays_an_object() -> None:
     assert set(kinds(road)[0]) == {"object"}
 
 
-def test_an_event_makes_it_night() -> None:
-    event = {"from_s": 5.0, "set": {"night": True}}
-    keys = camera(day_contrast=0.5, night_contrast=0.04, event=[event])
-    looks = fly(scene([keys], rings(), seed=85), 10.0).looks("camera")
-    frame = looks.scan - looks.scan.min()
-    by_day, by_night = looks.rows(frame < 9), looks.rows(frame > 10)
-    assert by_day.pd.mean() > 2 * by_night.pd.mean()
-
-
 def test_false_alarms_come_as_often_as_stated_anywhere_in_the_picture() -> None:
     keys = camera(false_alarms_per_frame=3.0, pan_deg=350.0, tilt_deg=30.0, vertical_fov_deg=20.0,
                   horizontal_fov_deg=50.0)  # fmt: skip
@@ -133,15 +124,6 @@ def test_a_panorama_that_turns_stamps_each_drone_when_it_looks_there() -> None:
     turn = (plots.time_utc_ns % (NS // 2)) / (NS // 2)
     behind_deg = wrap_180(360 * turn - plots.true_azimuth_deg)
     assert np.abs(behind_deg).max() < 1e-3
-
-
-def test_a_panorama_has_equal_angles_and_its_band_of_elevations() -> None:
-    drones = [held(f"{i}", 9.0 * i, i - 15.0, 600.0, size_m=SIZE_M) for i in range(40)]
-    looks = fly(scene([panorama()], drones, seed=89), 5.0).looks("camera")
-    assert -5.001 < looks.elevation_deg.min() < -3.9
-    assert 13.9 < looks.elevation_deg.max() < 15.001
-    x = SIZE_M / (2 * looks.range_m * 2 * np.pi / 20_000) / DETECT
-    np.testing.assert_allclose(looks.pd, x ** (2.7 + 0.7 * x) / (1 + x ** (2.7 + 0.7 * x)))
 
 
 def test_false_alarms_of_a_panorama_are_all_around() -> None:

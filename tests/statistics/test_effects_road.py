@@ -37,25 +37,6 @@ ACTIVE = radar(
 )  # fmt: skip
 
 
-def test_check_predicts_the_gain_and_names_it() -> None:
-    named, plain = (
-        report(scene([sensor], seed=36))["sensors"][0]
-        for sensor in (ACTIVE, radar(elevation_max_deg=60.0))
-    )
-    range_m = np.array([row["range_m"] for row in plain["table"]])
-    elevation_deg = np.degrees(np.arcsin(50.0 / range_m))
-    gained_db = [
-        a["snr_db"] - b["snr_db"] for a, b in zip(named["table"], plain["table"], strict=True)
-    ]
-    within_deg = np.clip(elevation_deg, 4.0, 30.0)
-    falls_db = 12.0412 * ((elevation_deg - within_deg) / 3.0) ** 2
-    rises_db = 20 * np.log10(np.sin(np.radians(within_deg)) / np.sin(np.radians(4.0)))
-    received_db = np.minimum(12.0412 * ((elevation_deg - 10.0) / 8.0) ** 2, 22.0)
-    lost_db = np.minimum(falls_db + rises_db, 30.0) + received_db
-    np.testing.assert_allclose(gained_db, -lost_db, atol=1e-4)
-    assert named["effects"].keys() == {"antenna"}
-
-
 def test_a_shaped_beam_of_no_stated_gain_spreads_what_it_has() -> None:
     sensor = {key: value for key, value in ACTIVE.items() if key != "gain_rx_dbi"}
     antennas = ({}, {"antenna": {"receive": {"elevation": SHAPED}}})

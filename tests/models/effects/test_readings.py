@@ -33,13 +33,6 @@ def drifting(sigma_range_m: float, sigma_azimuth_deg: float) -> tuple[Readings, 
     )
 
 
-def test_a_range_is_scaled_and_offset():
-    readings = Readings(range_scale=-0.01, range_offset_m=3.0)
-    assert readings.range_m(np.array([100.0, 200.0]), TIMES_NS[:2]).tolist() == [102.0, 201.0]
-    azimuth_deg = np.array([1.0, 359.0])
-    assert readings.azimuth_deg(azimuth_deg, TIMES_NS[:2]) is azimuth_deg
-
-
 def test_drifts_are_those_of_the_time_and_of_each_quantity_its_own():
     readings, drift = drifting(2.0, 0.5)
     off = drift.at(TIMES_NS)
@@ -49,13 +42,6 @@ def test_drifts_are_those_of_the_time_and_of_each_quantity_its_own():
     np.testing.assert_allclose(read_deg, 10.0 + 0.5 * off[:, 1], rtol=1e-15)
     assert read_m[0] == read_m[1] == read_m[3] != read_m[2]
     assert not np.allclose(off[:, 0], off[:, 1])
-
-
-def test_what_does_not_drift_costs_no_draw():
-    readings, _ = drifting(0.0, 0.0)
-    np.testing.assert_allclose(readings.range_m(np.array([1000.0]), TIMES_NS[:1]), 1006.0, 1e-15)
-    azimuth_deg = np.array([1.0])
-    assert readings.azimuth_deg(azimuth_deg, TIMES_NS[:1]) is azimuth_deg
 
 
 # Own axes of a sensor that stands askew: one rotation, and where it puts things.

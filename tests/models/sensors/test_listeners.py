@@ -12,15 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp
-from support.significance import assert_standard_normal
 from support.targets import targets_at
 
-from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.effects.readings import Readings, own_axes
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
+from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.numerics import root
-from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.acoustic import AcousticPair, MicrophoneArray, crossing
 from plotfeed.models.sensors.range_gate import RangeGate
 from plotfeed.models.sensors.rf import RfDirectionFinder
@@ -53,32 +50,6 @@ def test_section_4_hears_half_at_131_metres() -> None:
     assert half_m == pytest.approx(131.4, abs=0.1)
 
 
-def test_level_is_the_sum_of_its_terms_by_hand() -> None:
-    """ISO 9613-2: 80 + 3 - (20 log10 100 + 11) - 0.5 - 0 - 3 - 3, far above the ground."""
-    high = sounding([0.0, 60.0, 80.0])
-    level_db = SECTION_4.level_db(np.array([80.0]), high.position_enu_m)
-    assert level_db == pytest.approx([80 + 3 - 51 - 0.5 - 6])
-    assert SECTION_4.observe(high, np.random.default_rng(1))[0].snr == pytest.approx(
-        [10 ** ((25.5 + 9.03) / 10)]
-    )
-    for celsius, speed_m_s in ((20.0, 343.2), (0.0, 331.3)):
-        assert propagation.speed_of_sound_m_s(celsius) == pytest.approx(speed_m_s, abs=0.05)
-
-
-def test_the_ground_attenuates_what_comes_along_it() -> None:
-    """2 h/r (17 + 300/r) short of 4.8 dB, h the mean of the two heights above the ground."""
-    low, of_80 = np.array([[0.0, 400.0, 2.5]]), np.array([80.0])
-    range_m = float(enu_to_aer(low)[2][0])
-    expected_db = 4.8 - (1.5 + 2.5 + 1.5) / range_m * (17 + 300 / range_m)
-    over_high_ground = replace(SECTION_4, height_above_ground_m=1000.0)
-    difference_db = over_high_ground.level_db(of_80, low) - SECTION_4.level_db(of_80, low)
-    assert difference_db == pytest.approx([expected_db])
-    assert expected_db > 4
-    deep, on_it = (SECTION_4.predict(sounding([0.0, 100.0, up])) for up in (-30.0, -1.5))
-    assert np.isfinite(deep.snr).all()  # a source below the ground is taken to be on it
-    assert deep.snr < on_it.snr
-
-
 def test_a_drone_of_unknown_sound_is_not_heard() -> None:
     both = sounding([[0.0, 50.0, 10.0], [0.0, 60.0, 10.0]], sound_power_db=[np.nan, 130.0])
     looks, plots = SECTION_4.observe(both, np.random.default_rng(2))
@@ -86,18 +57,6 @@ def test_a_drone_of_unknown_sound_is_not_heard() -> None:
     predicted = SECTION_4.predict(both)
     assert predicted.pd == pytest.approx([0.0, 1.0])
     assert np.isnan(predicted.snr).tolist() == [True, False]
-
-
-def test_bearings_are_of_the_sound_and_true_columns_of_the_drone() -> None:
-    heard = np.tile([[300.0, 400.0, 30.0]], (1000, 1))
-    now = heard + np.array([29.1, 0.0, 0.0])
-    targets = sounding(heard, sound_power_db=140.0, true_enu_m=now)
-    looks, plots = SECTION_4.observe(targets, np.random.default_rng(4))
-    np.testing.assert_allclose(looks.azimuth_deg, enu_to_aer(heard)[0])
-    np.testing.assert_allclose(plots.true_azimuth_deg, enu_to_aer(now)[0])
-    np.testing.assert_allclose(plots.true_range_m, enu_to_aer(now)[2])
-    error_deg = wrap_180(plots.azimuth_deg - enu_to_aer(heard)[0])
-    assert_standard_normal(error_deg / plots.sigma_azimuth_deg, "seed 4")
 
 
 # Two arrays that triangulate.
@@ -216,61 +175,6 @@ def emitting(*each: Sequence[Emitter], range_m: float = 1000.0) -> Targets:
     """A drone with each of those emitters, all in one place."""
     places = np.tile(aer_to_enu(70.0, 5.0, range_m), (len(each), 1))
     return targets_at(places, emitters=[tuple(own) for own in each], t_utc_ns=NS)
-
-
-def test_signal_to_noise_ratio_is_the_link_budget() -> None:
-    """20 dBm + 3 dBi - 1 dB - 100.19 dB over -107.98 dBm: -174 in a hertz, 1 MHz and 6 dB."""
-    loss_db = propagation.path_loss_db(1000.0, C_M_S / np.array([2.4e9, 1e6]))
-    assert loss_db == pytest.approx([100.05, 32.45], abs=0.01)  # ITU-R P.525
-    assert FINDER.noise_dbm == pytest.approx(-174 + 60 + 6, abs=0.03)
-    town = replace(FINDER, path_loss_exponent=3.0, path_loss_reference_m=10.0)
-    for sensor, expected_db in ((FINDER, 29.79), (town, 9.79)):
-        looks, plots = sensor.observe(emitting([CONTROL]), np.random.default_rng(1))
-        assert 10 * np.log10(looks.snr) == pytest.approx([expected_db], abs=0.02)
-        found_db = sensor.noise_dbm + 10 * np.log10(plots.snr)
-        np.testing.assert_allclose(plots.amplitude_dbm, found_db)
-
-
-@pytest.mark.parametrize(
-    ("centre_mhz", "width_mhz", "share"),
-    [
-        (2440, 20, 1.0),
-        (2400, 20, 0.5),
-        (2480, 20, 0.5),
-        (2395, 20, 0.25),
-        (2490, 20, 0.0),  # touches
-        (2440, 160, 0.5),  # on both sides
-        (2400, 0, 1.0),  # a carrier on the edge
-        (2399.9, 0, 0.0),
-    ],
-)
-def test_share_of_an_emission_in_the_band(
-    centre_mhz: float, width_mhz: float, share: float
-) -> None:
-    emitter = replace(CONTROL, frequency_hz=centre_mhz * 1e6, bandwidth_hz=width_mhz * 1e6)
-    there, rng = emitting([emitter], range_m=3000.0), np.random.default_rng(2)
-    looks, _ = FINDER.observe(there, rng)
-    if share == 0:
-        assert not len(looks)
-        assert FINDER.predict(there).pd == 0
-        return
-    whole = replace(
-        FINDER, frequency_min_hz=1e9, frequency_max_hz=4e9, instantaneous_bandwidth_hz=3e9
-    )
-    assert looks.snr == pytest.approx(share * whole.observe(there, rng)[0].snr, rel=1e-12)
-
-
-def test_hops_outside_what_is_heard_at_once_are_missed() -> None:
-    hopping = emitting([replace(CONTROL, bandwidth_hz=80e6)], range_m=100.0)
-    narrow = replace(FINDER, instantaneous_bandwidth_hz=20e6)
-    twice = replace(narrow, bursts_per_dwell=2, duty_cycle=0.5)
-    for sensor, seen, pd in (
-        (narrow, hopping, 0.25),
-        (twice, hopping, 1 - 0.875**2),
-        (narrow, emitting([CONTROL], range_m=100.0), 1.0),
-        (FINDER, hopping, 1.0),
-    ):
-        assert sensor.predict(seen).pd == pytest.approx([pd], rel=1e-12)
 
 
 def test_prediction_is_of_a_report_by_any_emitter() -> None:
