@@ -18,7 +18,6 @@ from support import mimo_equations
 from support.effect_values import values_of
 from support.fluctuating_echoes import joint_hit_gauss_markov
 from support.given_files import reference
-from support.radar_equations import detected_power_density
 from support.significance import assert_chance, assert_sum
 
 from plotfeed.feeds.lab import oracle
@@ -182,22 +181,6 @@ def test_mean_inverse_agrees_with_the_reference_where_the_noise_is_known() -> No
         rows = table["pfa"] == pfa
         rms = np.sqrt(detection.inverse_detected_snr(snr[rows], float(pfa), 10**9))
         np.testing.assert_allclose(rms, table["rms_inv_sqrt_inst_snr"][rows], rtol=1e-8)
-
-
-@pytest.mark.parametrize("snr_db", [-10, 10, 60])
-@pytest.mark.parametrize("n_reference", [1, 16])
-def test_it_is_the_integral_over_the_density_of_detected_powers(
-    n_reference: int, snr_db: float
-) -> None:
-    """To 1e-4: an average over 128 thresholds, the worst at one reference cell."""
-    snr = 10 ** (snr_db / 10)
-    sensor = {"pfa": 1e-4, "n_reference": n_reference}
-    edges = np.linspace(-12, np.log((1 + snr) * 1e3 + 1e6), 21)
-    integral = integrated(
-        lambda log_x: float(detected_power_density(sensor, np.exp(log_x), snr)), edges
-    )
-    found = float(detection.inverse_detected_snr(snr, 1e-4, n_reference))
-    assert found == pytest.approx(integral, rel=1e-4)
 
 
 def integrated(function, edges) -> float:

@@ -17,7 +17,7 @@ from support.one_sample import add_sample
 from plotfeed.models.beam import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.flight_plan import FlightKnots, FlightLimits, FlightPlan, to_ecef
-from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 from plotfeed.models.state import (
     FALSE_ALARM,
     NS,
@@ -329,30 +329,6 @@ def test_forgetting_changes_no_state_within_the_history(
         one, other = at(short, t_s - back_s), at(whole, t_s - back_s)
         np.testing.assert_array_equal(one.position_ecef_m, other.position_ecef_m)
         np.testing.assert_array_equal(one.velocity_ecef_m_s, other.velocity_ecef_m_s)
-
-
-@given(st.floats(-89, 89), st.floats(-180, 180), st.floats(-1000, 100_000))
-def test_a_hovering_drone_is_where_it_said_to_nanometres(
-    latitude_deg: float, longitude_deg: float, height_m: float
-) -> None:
-    paths = trajectories()
-    for t_s in (0, 1):
-        add_sample(
-            paths,
-            "a",
-            T0 + t_s * NS,
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            height_m=height_m,
-            velocity_enu_m_s=None,
-            sigma_m=None,
-            signature=SIGNATURE,
-        )
-    expected = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
-    for asked_s in (0.0, 0.37, 1.0, 2.9):
-        np.testing.assert_allclose(
-            at(paths, asked_s).position_ecef_m[0], expected, atol=5e-9, rtol=0
-        )
 
 
 def test_the_last_year_that_nanoseconds_hold_is_like_any_other() -> None:

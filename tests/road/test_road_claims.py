@@ -257,29 +257,6 @@ async def test_a_command_to_one_that_says_nothing_is_refused() -> None:
     assert "drone 'a' says nothing: it is not [cooperative]" in json.loads(refusal)["detail"]
 
 
-@pytest.mark.parametrize(
-    ("fault", "expected"),
-    [
-        ({"from_s": 1.0}, r"claim\[0\] of 'a': drop_out, delay_s, bias"),
-        ({"freeze": True}, r"claim\[0\].from_s of 'a': missing"),
-        ({"from_s": 4.0, "to_s": 3.0, "freeze": True}, r"claim\[0\].to_s of 'a': must be above"),
-        ({"from_s": 4.0, "freeze": True, "spoof": FAR}, "what is frozen cannot be spoofed"),
-    ],
-)
-def test_a_fault_that_cannot_be_is_refused_with_its_key(
-    fault: dict[str, Any], expected: str
-) -> None:
-    with pytest.raises(SceneError, match=expected):
-        claiming(fault)
-
-
-def test_faults_of_one_that_does_not_report_itself_are_refused() -> None:
-    with pytest.raises(SceneError, match=r"drone\[0\].claim of 'a': the drone says nothing"):
-        scene([QUIET], [flown("a", FAR, FAR, claim=[{"from_s": 1.0, "freeze": True}])], seed=1)
-    with pytest.raises(SceneError, match="report: each format once"):
-        claiming(cooperative={"report": ["json", "protobuf"]})
-
-
 # Drones that report themselves in 129, and a second session that takes what they say.
 
 
@@ -419,14 +396,24 @@ def test_errors_are_normal_and_new_each_time() -> None:
     assert {r.accuracy_m for r in said} == {5.0}  # 1.1774 times 4 m, in steps of 1 m
 
 
+def faulty(**fault: Any) -> dict[str, Any]:
+    return {"drone": [held("a", 0.0, 5.0, 900.0, claim=[fault])]}
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         ({"cooperative": {"drones": ["nobody"]}}, "flies no drone 'nobody'"),
+        ({"cooperative": {"report": ["json", "protobuf", "json"]}}, "report: each format once"),
+        ({"cooperative": {"country": "Spain"}}, "country"),
         ({"drone": [held("thirteen-char", 0.0, 5.0, 900.0)]}, "up to 12 characters"),
         ({"drone": [held("dróne", 0.0, 5.0, 900.0)]}, "ASCII"),
         ({"sensor": [radar(id="cooperative")]}, "is a topic of the session"),
-        ({"cooperative": {"country": "Spain"}}, "country"),
+        (faulty(from_s=1.0), r"claim\[0\] of 'a': drop_out, delay_s, bias"),
+        (faulty(freeze=True), r"claim\[0\].from_s of 'a': missing"),
+        (faulty(from_s=4.0, to_s=3.0, freeze=True), r"claim\[0\].to_s of 'a': must be above"),
+        (faulty(from_s=4.0, freeze=True, spoof=FAR), "what is frozen cannot be spoofed"),
+        (faulty(from_s=1.0, freeze=True) | {"cooperative": None}, r"drone\[0\].claim of 'a': the"),
     ],
 )
 def test_what_cannot_be_said_is_refused_before_anything_starts(
@@ -434,8 +421,9 @@ def test_what_cannot_be_said_is_refused_before_anything_starts(
 ) -> None:
     given = {"cooperative": {}, "telemetry": DATUM} | more
     flying, sensors = given.pop("drone", drones()), given.pop("sensor", [radar()])
+    told = {name: keys for name, keys in given.items() if keys is not None}
     with pytest.raises(SceneError, match=words):
-        scene(sensors, flying, seed=1, **given)
+        scene(sensors, flying, seed=1, **told)
 
 
 @pytest.mark.parametrize(

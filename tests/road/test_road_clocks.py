@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.every_kind import EMITTER, RF
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import from_tree
@@ -28,12 +29,7 @@ FORMATS = {
     "microphone": ["asterix-015", "plots", "sapient"],
     "finder": ["asterix-205", "plots", "sapient"],
 }
-FINDER = {
-    "id": "finder", "type": "rf", "frequency_min_hz": 2.4e9, "frequency_max_hz": 2.48e9,
-    "channel_bandwidth_hz": 1e6, "integration_s": 1e-3, "range_max_m": 20e3, "baseline_m": 0.06,
-    "scan": {"kind": "staring", "period_s": 1.0},
-}  # fmt: skip
-EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+FINDER = RF | {"id": "finder", "frequency_max_hz": 2.48e9, "range_max_m": 20e3, "baseline_m": 0.06}
 DRONES = [
     held("far", 45.0, 4.0, 2000.0, rcs_m2=1.0, emitters=[EMITTER]),
     held("near", 40.0, 10.0, 150.0, rcs_m2=0.01, sound_power_db=100.0),

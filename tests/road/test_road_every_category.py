@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
+from support.every_kind import RF
 
 from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.proto.asterix.codec.decode import decode
@@ -22,18 +23,10 @@ from plotfeed.testing import START_NS, Feed, fly
 
 DURATION_S = 349.0
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 10e6, "eirp_dbm": 20.0, "kind": "control"}
-FINDER = {
-    "id": "finder",
-    "type": "rf",
-    "sic": 5,
-    "scan": {"kind": "staring", "period_s": 1.0},
-    "frequency_min_hz": 2.4e9,
-    "frequency_max_hz": 2.48e9,
-    "channel_bandwidth_hz": 10e6,
-    "integration_s": 1e-3,
-    "baseline_m": 0.1,
-    "range_max_m": 8000.0,
-}
+FINDER = RF | {
+    "id": "finder", "sic": 5, "frequency_max_hz": 2.48e9, "channel_bandwidth_hz": 10e6,
+    "baseline_m": 0.1, "range_max_m": 8000.0,
+}  # fmt: skip
 
 
 @cache

@@ -65,14 +65,3 @@ def test_plots_lie_about_the_path_with_the_errors_they_state(
     assert_standard_normal(off_deg / plots.sigma_azimuth_deg, "azimuth")
     up_deg = plots.elevation_deg - elevation_deg
     assert_standard_normal(up_deg / plots.sigma_elevation_deg, "elevation")
-
-
-@EVERY_FLIGHT
-def test_category_048_lies_about_the_path_too(flight: GivenFlight) -> None:
-    """Within half an LSB and five standard deviations, which one in a million errors leaves."""
-    plots = detections(flight, "turning")
-    azimuth_deg, _, range_m = enu_to_aer(flight.path((plots.time_utc_ns - START_NS) / NS))
-    off_m = np.abs(plots.rho_nm * 1852 - range_m)
-    assert (off_m < 1852 / 512 + 5 * plots.sigma_range_m).all()
-    off_deg = np.abs(wrap_180(plots.theta_deg - azimuth_deg))
-    assert (off_deg < 180 / 65536 + 5 * plots.sigma_azimuth_deg).all()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
+from support.every_kind import MIMO, PASSIVE
 
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.tracks import AlphaBeta
@@ -198,37 +199,16 @@ def test_asterix_decoder_reads_the_same() -> None:
 
 
 def test_every_sensor_that_may_track_reports_tracks() -> None:
-    passive = {
-        "id": "passive",
-        "type": "passive_radar",
-        "report": ["asterix-062", "plots"],
-        "scan": {"kind": "staring", "period_s": 1.0},
-        "transmitters": [
-            {
-                "id": f"tower-{i}",
-                "erp_w": 50_000.0,
-                "frequency_hz": 600e6,
-                "bandwidth_hz": 7.6e6,
-                "place": {"east_m": east_m, "north_m": -9000.0, "above_site_m": 100.0},
-            }
-            for i, east_m in enumerate((-6000.0, 6000.0))
-        ],
-        "gain_rx_dbi": 15.0,
-        "azimuth_beamwidth_deg": 10.0,
-        "integration_s": 0.5,
-        "external_noise_db": 5.0,
+    towers = [
+        PASSIVE["transmitters"][0] | {"id": f"tower-{azimuth_deg}",
+                                      "place": waypoint(azimuth_deg, 0.5, 11_000.0)}
+        for azimuth_deg in (150, 210)
+    ]  # fmt: skip
+    passive = PASSIVE | {
+        "id": "passive", "report": ["asterix-062", "plots"], "transmitters": towers,
         "range_max_m": 15_000.0,
-    }
-    mimo = radar(
-        id="mimo",
-        type="mimo_radar",
-        report=["asterix-062"],
-        transmitters=[
-            {"east_m": 200.0, "north_m": 0.0, "above_site_m": 0.0, "power_w": 500.0},
-            {"east_m": -200.0, "north_m": 0.0, "above_site_m": 0.0, "power_w": 500.0},
-        ],
-    )
-    del mimo["power_w"]
+    }  # fmt: skip
+    mimo = MIMO | {"id": "mimo", "report": ["asterix-062"]}
     seen = fly(scene([passive, mimo], [held("one", 30.0, 5.0, 2000.0)], seed=213), 60.0)
     assert len({p.drone for p in seen.ledgers[0].looks}) == 1
     for sensor in ("passive", "mimo"):

@@ -20,24 +20,16 @@ from plotfeed.proto.utc import NS
 from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, scene, staring, waypoint
 
 ELEVATION_DEG = 5.0
-BEAMWIDTH_DEG = 40.0
 
 
 def microphones(**changes: Any) -> dict[str, Any]:
     """Section 4's, on the ground of the site."""
     paper = {
-        "id": "mic",
-        "type": "acoustic",
-        "scan": staring(),
-        "noise_db": 0.0,
-        "sensitivity_db": 32.0,
-        "microphones": 8,
-        "absorption_db_per_km": 5.0,
-        "range_max_m": 1000.0,
-        "azimuth_beamwidth_deg": BEAMWIDTH_DEG,
-        "azimuth_floor_deg": 0.0,
+        "id": "mic", "type": "acoustic", "scan": staring(), "noise_db": 0.0,
+        "sensitivity_db": 32.0, "microphones": 8, "absorption_db_per_km": 5.0,
+        "range_max_m": 1000.0, "azimuth_beamwidth_deg": 40.0, "azimuth_floor_deg": 0.0,
         "height_above_ground_m": 1.5,
-    }
+    }  # fmt: skip
     return paper | changes
 
 
@@ -290,33 +282,19 @@ def test_check_warns_of_sides_and_of_short_waves() -> None:
 PFA = 1e-6
 CONTROL = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0, "kind": "control"}
 VIDEO = {"frequency_hz": 2.46e9, "bandwidth_hz": 2e6, "eirp_dbm": 23.0, "kind": "video"}
-REMOTE_ID = {
-    "frequency_hz": 2.437e9,
-    "bandwidth_hz": 1e6,
-    "eirp_dbm": 15.0,
-    "kind": "remote-id",
-    "identity": "1596F3",
-}
+REMOTE_ID = {"frequency_hz": 2.437e9, "bandwidth_hz": 1e6, "eirp_dbm": 15.0, "kind": "remote-id",
+             "identity": "1596F3"}  # fmt: skip
 
 
 def finder(**changes: Any) -> dict[str, Any]:
     """A direction finder of 1 MHz channels over a town."""
     keys = {
-        "id": "rf",
-        "type": "rf",
-        "scan": staring(),
-        "frequency_min_hz": 2.40e9,
-        "frequency_max_hz": 2.48e9,
-        "channel_bandwidth_hz": 1e6,
-        "integration_s": 1e-3,
-        "gain_rx_dbi": 3.0,
-        "loss_db": 1.0,
+        "id": "rf", "type": "rf", "scan": staring(), "frequency_min_hz": 2.40e9,
+        "frequency_max_hz": 2.48e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+        "gain_rx_dbi": 3.0, "loss_db": 1.0, "pfa": PFA, "range_max_m": 20_000.0,
         "path_loss": {"kind": "log-distance", "exponent": 3.0, "reference_m": 100.0},
-        "pfa": PFA,
-        "range_max_m": 20_000.0,
-        "baseline_m": 0.06,
-        "azimuth_floor_deg": 0.0,
-    }
+        "baseline_m": 0.06, "azimuth_floor_deg": 0.0,
+    }  # fmt: skip
     return keys | changes
 
 

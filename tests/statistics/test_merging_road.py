@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.every_kind import MIMO
 from support.radar_equations import mean_snr, multiplier
 from support.significance import assert_mean, assert_standard_normal, assert_sum
 
@@ -141,13 +142,8 @@ def test_a_mimo_radar_sums_the_ratios_transmitter_by_transmitter() -> None:
         {"power_w": power_w, "east_m": 100.0 * k, "north_m": 0.0, "above_site_m": 0.0}
         for k, power_w in enumerate((2000.0, 500.0))
     ]
-    sensor = {
-        "id": "radar", "type": "mimo_radar", "scan": {"kind": "staring", "period_s": 1.0},
-        "transmitters": transmitters, "frequency_hz": 15e9, "gain_tx_dbi": 11.6,
-        "gain_rx_dbi": 11.6, "integration_s": 0.06, "range_resolution_m": 20.0,
-        "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0, "elevation_beamwidth_deg": 10.0,
-        "elevation_min_deg": -2.0, "elevation_max_deg": 28.0, "merging": {},
-    }  # fmt: skip
+    weak = {"gain_tx_dbi": 11.6, "gain_rx_dbi": 11.6}
+    sensor = MIMO | weak | {"transmitters": transmitters, "merging": {}}
     drones = [
         held(f"{i}-{k}", 24 * i, 10.0, 4000.0, rcs_m2=0.01) for i in range(15) for k in range(2)
     ]

@@ -62,20 +62,11 @@ THREE = [
 def passive(**changes: Any) -> dict[str, Any]:
     """The paper's section 4."""
     paper = {
-        "id": "passive",
-        "type": "passive_radar",
-        "scan": staring(),
-        "transmitters": [EAST],
-        "gain_rx_dbi": 2.0,
-        "azimuth_beamwidth_deg": 2.0,
-        "bistatic_range_floor_m": 0.0,
-        "azimuth_floor_deg": 0.0,
-        "integration_s": 0.3,
-        "external_noise_db": -4.45,
-        "azimuth_min_deg": 15.0,
-        "azimuth_max_deg": 75.0,
-        "range_max_m": 10_000.0,
-    }
+        "id": "passive", "type": "passive_radar", "scan": staring(), "transmitters": [EAST],
+        "gain_rx_dbi": 2.0, "azimuth_beamwidth_deg": 2.0, "bistatic_range_floor_m": 0.0,
+        "azimuth_floor_deg": 0.0, "integration_s": 0.3, "external_noise_db": -4.45,
+        "azimuth_min_deg": 15.0, "azimuth_max_deg": 75.0, "range_max_m": 10_000.0,
+    }  # fmt: skip
     return paper | changes
 
 
