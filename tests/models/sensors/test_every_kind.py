@@ -15,14 +15,14 @@ from support.significance import assert_sum
 
 from plotfeed.feeds.scene.presets.preset import names
 from plotfeed.models.beam import AzimuthCover, Sector
-from plotfeed.models.chance import Chance, Purpose, ScanDraws
+from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.surroundings import Multipath
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.range_gate import RangeGate
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets, grouping_key, stacked
-from plotfeed.models.state import Columns, Emitter, Floats, Ints, Plots, Signature, Signatures
+from plotfeed.models.state import Columns, Emitter, Floats, Plots, Signature, Signatures
 from plotfeed.testing import scene, staring
 
 SENSORS = 4
@@ -62,40 +62,6 @@ EMITTERS = (
     Emitter(frequency_hz=2.437e9, eirp_dbm=15.0, kind="remote-id", identity="1596F3"),
     Emitter(frequency_hz=2.401e9, bandwidth_hz=5e6, eirp_dbm=17.0, kind="video"),
 )
-
-
-@dataclass
-class OfEachSensor:
-    """Stand-in for a generator: each row has draws of its own sensor's generator, in its order."""
-
-    generators: list[np.random.Generator]
-    sensor: Ints
-
-    def rows(self, which: Any) -> OfEachSensor:
-        return OfEachSensor(self.generators, self.sensor[which])
-
-    def random(self, size: Any) -> Floats:
-        return self._drawn(size, lambda rng, shape, _: rng.random(shape))
-
-    def standard_normal(self, size: Any) -> Floats:
-        return self._drawn(size, lambda rng, shape, _: rng.standard_normal(shape))
-
-    def standard_exponential(self, size: Any) -> Floats:
-        return self._drawn(size, lambda rng, shape, _: rng.standard_exponential(shape))
-
-    def standard_gamma(self, order: Any, size: Any) -> Floats:
-        orders = np.broadcast_to(order, size)
-        return self._drawn(
-            size, lambda rng, shape, mine: rng.standard_gamma(orders[..., mine], shape)
-        )
-
-    def _drawn(self, size: Any, draw: Any) -> Floats:
-        assert size[-1] == len(self.sensor)
-        drawn = np.full(size, np.nan)
-        for i, rng in enumerate(self.generators):
-            mine = self.sensor == i
-            drawn[..., mine] = draw(rng, (*size[:-1], int(mine.sum())), mine)
-        return drawn
 
 
 def varied(value: Any, rng: np.random.Generator, alike: frozenset[str] = frozenset()) -> Any:
@@ -140,7 +106,7 @@ def targets(rng: np.random.Generator, n: int, drones: int = 12) -> Targets:
             target_class=np.where(rng.random(drones) < 0.5, "drone", "kite").astype(np.object_),
             model=np.where(rng.random(drones) < 0.5, "", "F1").astype(np.object_),
         ),
-        sensor=rng.integers(0, SENSORS, n),
+        sensor=np.sort(rng.integers(0, SENSORS, n)),
     )
 
 
@@ -180,7 +146,7 @@ def test_each_row_has_what_its_sensor_gives_it_alone(kind: str, n: int) -> None:
         assert len({grouping_key(model) for model in models}) == 1
         stack, all_of_them = stacked(models), targets(rng, n)
         sensor = all_of_them.sensor
-        draws = OfEachSensor([np.random.default_rng(i) for i in range(SENSORS)], sensor)
+        draws: Any = DrawsBySensor([np.random.default_rng(i) for i in range(SENSORS)], sensor)
         looks, plots = stack.rows(sensor).observe(all_of_them, draws)
         for i, model in enumerate(models):
             mine = of_rows(all_of_them, sensor == i)
