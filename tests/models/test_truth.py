@@ -417,9 +417,11 @@ def test_a_flight_is_as_if_it_had_been_told_live() -> None:
     velocity[rng.random((200, 3)) < 0.2] = np.nan
     samples = flight_of(t_ns, enu_m, velocity, np.full(200, 2.0))
     live, flight = trajectories(history_s=1e6), trajectories()
+    starts = (0, 70, 71, 150)  # Of flights that begin anew in one log
     for i in range(200):
-        live.add_samples(["a"], samples.between(i, i + 1), Signatures.of_one(SIGNATURE))
-    flight.add_flight("a", samples, SIGNATURE)
+        begins = [0] if i in starts else []
+        live.add_samples(["a"], samples.between(i, i + 1), Signatures.of_one(SIGNATURE), begins)
+    flight.add_flight("a", samples, SIGNATURE, starts)
     for t in rng.integers(t_ns[0] - NS, t_ns[-1] + 5 * NS, 300).tolist():
         one, other = live.state_at(t), flight.state_at(t)
         np.testing.assert_array_equal(one.position_ecef_m, other.position_ecef_m)
@@ -649,7 +651,9 @@ def test_a_chain_follows_one_track_after_another_without_a_step() -> None:
         np.array([[1.0] * 3, [9.0, 0.0, 0.0]]),
     )
     at_ns = 4 * NS
-    left = first.stretch_at(at_ns).between(at_ns, 10 * NS).coefficients[:, :, 0]
+    rest, later_ns = first.stretch_at(at_ns).between(at_ns, 10 * NS), np.array([7 * NS])
+    np.testing.assert_allclose(rest.places_m(later_ns), first.stretch_at(0).places_m(later_ns))
+    left = rest.coefficients[:, :, 0]
     second = KnownTrack.smooth(
         [at_ns, 6 * NS], np.array([left[0], [0.0, 0.0, 7.0]]), np.array([left[1], [0.0] * 3])
     )
