@@ -26,7 +26,6 @@ from plotfeed.models.fluctuation import FluctuatingCfar, _poisson, order_of
 from plotfeed.models.numerics import unit_interval
 from plotfeed.models.propagation import C_M_S
 
-snr_dbs = st.floats(-60, 60)
 pfas = st.floats(-15, -0.1).map(lambda exponent: 10.0**exponent)
 far_dbs = st.floats(-100, 100)
 several = st.lists(far_dbs, min_size=1, max_size=6)
@@ -79,6 +78,7 @@ def test_a_listeners_slope_and_middle():
     assert detection.pd_logistic(32.0, 32.0) == 0.5
     assert detection.pd_logistic(34.0, 32.0, 3.0) == detection.pd_logistic(6.0, 0.0)
     assert detection.pd_logistic(-1e4, 0.0) == 0.0
+    assert detection.pd_logistic(1e4, 0.0) == 1.0
 
 
 PDS = [
