@@ -126,6 +126,15 @@ def test_a_panorama_that_turns_stamps_each_drone_when_it_looks_there() -> None:
     assert np.abs(behind_deg).max() < 1e-3
 
 
+def test_a_panorama_has_equal_angles_and_its_band_of_elevations() -> None:
+    drones = [held(f"{i}", 9.0 * i, i - 15.0, 600.0, size_m=SIZE_M) for i in range(40)]
+    looks = fly(scene([panorama()], drones, seed=89), 5.0).looks("camera")
+    assert -5.001 < looks.elevation_deg.min() < -3.9
+    assert 13.9 < looks.elevation_deg.max() < 15.001
+    x = SIZE_M / (2 * looks.range_m * 2 * np.pi / 20_000) / DETECT
+    np.testing.assert_allclose(looks.pd, x ** (2.7 + 0.7 * x) / (1 + x ** (2.7 + 0.7 * x)))
+
+
 def test_false_alarms_of_a_panorama_are_all_around() -> None:
     keys = panorama(false_alarms_per_frame=5.0)
     plots = fly(scene([keys], [], seed=90), 150.0).plots("camera")
