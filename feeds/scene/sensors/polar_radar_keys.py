@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from itertools import cycle, islice
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from plotfeed.feeds.scene.fields import (
@@ -215,7 +214,7 @@ class PolarRadarKeys(EchoRadarKeys):
 
     def _coarse_format(self, site: Site) -> Iterator[str]:
         strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
-        best_m = float(self.model(site).sigmas(np.array([strongest_snr]))[0, 0])
+        best_m = self.model(site).stated_sigmas(strongest_snr)["sigma_range_m"]
         for row in (REPORT_FORMATS[name] for name in dict.fromkeys(self.report)):
             error_m = row.range_step_m / 12**0.5
             if error_m > best_m:
