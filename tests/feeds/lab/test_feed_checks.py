@@ -87,6 +87,9 @@ def test_asterix_is_judged_by_its_steps_and_a_fault_is_seen_through_them(tmp_pat
     assert {each["plots_from"] for each in told["sensors"]} == {"asterix/048, as delivered"}
     wrong = told["verdicts"]["wrong"]
     assert {"askew: azimuth", "late: time"} <= {*wrong}
+    found = {(each["sensor"], each["check"]): each for each in told["verdicts"]["checks"]}
+    for which, planted in ((("askew", "azimuth"), 2.0), (("late", "time"), 1.0)):
+        assert found[which]["found"] == pytest.approx(planted, abs=5 * found[which]["sigma"])
     assert not [each for each in wrong if each.startswith("clean")]
     told = FeedReport(record, "claimed")
     assert "differs from its claims" in "\n".join(feed_lines(told))

@@ -6,21 +6,20 @@ One recording has a sensor for each fault beside those that are right.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.every_kind import MICROPHONES
 from support.ledgers import changed, record_session, told
 
 from plotfeed.feeds.lab.gathering import FeedReport
-from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import LEDGER, protobuf_content_type
 from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.recorded import Recorded
-from plotfeed.testing import SITE
+from plotfeed.testing import radar, rotating, scene, staring
 
 Keys = dict[str, Any]
 Change = Callable[[pb.PlotBatch], None]
@@ -31,67 +30,35 @@ LINK = {
     "duplicate": 0.05,
     "loss": {"kind": "random", "probability": 0.1},
 }
-RADAR = {
-    "type": "active_radar",
-    "power_w": 3.0,
-    "frequency_hz": 10e9,
-    "gain_tx_dbi": 25.0,
-    "gain_rx_dbi": 30.0,
-    "integration_s": 0.02,
-    "pfa": 1e-5,
-    "range_resolution_m": 10.0,
-    "range_max_m": 6000.0,
-    "azimuth_beamwidth_deg": 2.0,
-    "elevation_beamwidth_deg": 6.0,
-    "elevation_min_deg": -10.0,
-    "elevation_max_deg": 60.0,
-    "scan": {"kind": "rotating", "period_s": 0.5, "sectors": 4},
-}
-TREE: Keys = {
-    "scene": {
-        "name": "faults",
-        "seed": 5,
-        "site": {
-            "latitude_deg": SITE.latitude_deg,
-            "longitude_deg": SITE.longitude_deg,
-            "height_m": SITE.height_m,
-        },
-    },
-    "telemetry": {"geoid_undulation_m": 51.0},
-    "sensor": [
-        RADAR
-        | {"id": "fine", "sic": 1, "report": ["plots"], "link": LINK, "doppler": {}}
-        | {"bias": {"azimuth_offset_deg": 2.0, "range_offset_m": 30.0, "time_offset_s": 0.5}},
-        RADAR | {"id": "coarse", "sic": 2, "report": ["asterix-048"]},
-        {
-            "id": "ears",
-            "sic": 3,
-            "type": "acoustic",
-            "noise_db": 20.0,
-            "sensitivity_db": 3.0,
-            "microphones": 32,
-            "range_max_m": 2500.0,
-            "azimuth_beamwidth_deg": 10.0,
-            "elevation_beamwidth_deg": 10.0,
-            "report": ["plots"],
-            "scan": {"kind": "staring", "period_s": 0.5},
-        },
-    ],
-    "drone": [
-        {
-            "id": f"drone-{n}",
-            "rcs_m2": 0.02,
-            "sound_power_db": 105.0,
-            "speed_m_s": 20.0,
-            "repeat": True,
-            "path": [
-                {"east_m": -1200.0 + 900 * n, "north_m": 900.0 - 300 * n, "above_site_m": 150.0},
-                {"east_m": 1300.0, "north_m": 1400.0 - 500 * n, "above_site_m": 250.0},
-            ],
-        }
-        for n in range(3)
-    ],
-}
+RADAR = radar(
+    power_w=3.0, gain_tx_dbi=25.0, gain_rx_dbi=30.0, integration_s=0.02, pfa=1e-5,
+    range_max_m=6000.0, elevation_max_deg=60.0, scan=rotating(0.5, 4),
+    **dict.fromkeys(("range_floor_m", "azimuth_floor_deg", "elevation_floor_deg")),
+)  # fmt: skip
+RIGHT = [
+    RADAR
+    | {"id": "fine", "sic": 1, "report": ["plots"], "link": LINK, "doppler": {}}
+    | {"bias": {"azimuth_offset_deg": 2.0, "range_offset_m": 30.0, "time_offset_s": 0.5}},
+    RADAR | {"id": "coarse", "sic": 2, "report": ["asterix-048"]},
+    MICROPHONES
+    | {"id": "ears", "sic": 3, "noise_db": 20.0, "sensitivity_db": 3.0, "microphones": 32}
+    | {"range_max_m": 2500.0, "report": ["plots"], "scan": staring(0.5)}
+    | dict.fromkeys(("azimuth_beamwidth_deg", "elevation_beamwidth_deg"), 10.0),
+]
+DRONES = [
+    {
+        "id": f"drone-{n}",
+        "rcs_m2": 0.02,
+        "sound_power_db": 105.0,
+        "speed_m_s": 20.0,
+        "repeat": True,
+        "path": [
+            {"east_m": -1200.0 + 900 * n, "north_m": 900.0 - 300 * n, "above_site_m": 150.0},
+            {"east_m": 1300.0, "north_m": 1400.0 - 500 * n, "above_site_m": 250.0},
+        ],
+    }
+    for n in range(3)
+]
 
 
 # What becomes of a field of every plot, and what that is called.
@@ -167,9 +134,6 @@ IN_THE_SESSION: dict[str, tuple[str, Keys, set[str]]] = {
 
 
 FAULTS = [*ON_THE_WIRE, *IN_THE_LEDGER, *IN_THE_SESSION]
-RIGHT = [sensor["id"] for sensor in TREE["sensor"]]
-# As often, in one sector for four: a quarter of the entries to be read.
-STARING = {"kind": "staring", "period_s": 0.5}
 
 
 def id_of(fault: str) -> str:
@@ -177,23 +141,26 @@ def id_of(fault: str) -> str:
     return f"fault-{FAULTS.index(fault)}"
 
 
-def tree_with(changes: dict[str, Keys]) -> Keys:
-    """The scene with a sensor for each fault, and what some of those do otherwise."""
-    tree, of_id = deepcopy(TREE), {sensor["id"]: sensor for sensor in TREE["sensor"]}
+def sensors_with(changes: dict[str, Keys]) -> list[Keys]:
+    """Right sensors and one for each fault, and what some of those do otherwise."""
+    sensors, of_id = [*RIGHT], {sensor["id"]: sensor for sensor in RIGHT}
     for fault in FAULTS:
         like = of_id[IN_THE_SESSION[fault][0] if fault in IN_THE_SESSION else "fine"]
         of_its_own: Keys = {"id": id_of(fault), "sic": 10 + FAULTS.index(fault)}
-        if fault not in IN_THE_LEDGER:
-            of_its_own["scan"] = STARING
-        tree["sensor"].append(like | of_its_own | changes.get(fault, {}))
-    return tree
+        if fault not in IN_THE_LEDGER:  # as often, in one sector for four
+            of_its_own["scan"] = staring(0.5)
+        sensors.append(like | of_its_own | changes.get(fault, {}))
+    return sensors
 
 
-def recorded(does: Keys, says: Keys, folder: Path, seconds: float = SECONDS) -> Path:
+def recorded(
+    does: list[Keys], says: list[Keys], folder: Path, seconds: float = SECONDS, sea_m: float = 51.0
+) -> Path:
     """What a session of the one scene did, as if it had been one of the other."""
     paths = [folder / f"{name}.toml" for name in ("does", "says")]
-    for path, tree in zip(paths, (does, says), strict=True):
-        path.write_text(toml_of(tree))
+    for path, sensors, level_m in zip(paths, (does, says), (sea_m, 51.0), strict=True):
+        telemetry = {"geoid_undulation_m": level_m}
+        path.write_text(scene(sensors, DRONES, seed=5, telemetry=telemetry).text)
     return record_session(paths[0], folder / "record.mcap", seconds, says=paths[1])
 
 
@@ -233,14 +200,15 @@ def wrong_in(report: FeedReport) -> dict[str, set[str]]:
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> FeedReport:
     folder = tmp_path_factory.mktemp("faults")
-    does = tree_with({fault: keys for fault, (_, keys, _) in IN_THE_SESSION.items()})
-    record = recorded(does, tree_with({}), folder)
+    does = sensors_with({fault: keys for fault, (_, keys, _) in IN_THE_SESSION.items()})
+    record = recorded(does, sensors_with({}), folder)
     return told(changed(record, folder / "planted.mcap", planted))
 
 
 def test_nothing_is_wrong_where_all_is_right(report: FeedReport) -> None:
     assert wrong_in(report).keys() == {id_of(fault) for fault in FAULTS}
-    right = [sensor for sensor in report.sensors if sensor.sensor in RIGHT]
+    ids = {sensor["id"] for sensor in RIGHT}
+    right = [sensor for sensor in report.sensors if sensor.sensor in ids]
     assert len(right) == len(RIGHT)
     assert report.verdicts.judged > 20 * len(report.sensors)
     assert {sensor.joined == sensor.plots > 100 for sensor in right} == {True}
@@ -254,6 +222,5 @@ def test_what_is_wrong_is_named(fault: str, report: FeedReport) -> None:
 
 
 def test_mean_sea_level_taken_for_the_ellipsoid_is_named(tmp_path: Path) -> None:
-    does = deepcopy(TREE)
-    does["telemetry"] = {"geoid_undulation_m": 0.0}
-    assert wrong_in(told(recorded(does, TREE, tmp_path, 30.0))) == {"coarse": {"height"}}
+    record = recorded(RIGHT, RIGHT, tmp_path, 30.0, sea_m=0.0)
+    assert wrong_in(told(record)) == {"coarse": {"height"}}
