@@ -116,6 +116,15 @@ def test_birds_are_looked_at_and_clutter_is_not_and_neither_is_a_false_alarm(
     assert "of bird/gulls-" in listed
 
 
+def test_sectors_that_the_link_lost_or_spoilt_are_no_fault_of_the_feed(session: Path) -> None:
+    """A tenth of the messages is lost, a twentieth has a bit flipped, and ten seconds are down."""
+    claimed = FeedReport(session, "claimed")
+    lossy, checks = sensor_of(claimed, "lossy"), checks_of(claimed, "lossy")
+    assert 0.15 < lossy.lost / (lossy.lost + lossy.entries) < 0.35
+    for name in ("Pd", "false alarms", "range", "azimuth spread"):
+        assert_chance(checks[name].p, f"{checks[name]}")
+
+
 def assert_errors(found: dict[str, Check], quantities: list[str]) -> None:
     assert {name.removesuffix(" spread") for name in found if "spread" in name} == {*quantities}
     for name in quantities:
