@@ -95,6 +95,7 @@ def test_dimensions_never_change_in_silence() -> None:
         score = scored(told)
         assert score.reports.position_max_m < 1e-3
         assert score.in_space.position_rms_m == pytest.approx(30.0, abs=0.01)
+        assert score.in_space.gospa_m == pytest.approx(30.0 * 2**0.5, rel=0.01)
         assert (score.reports.reports, score.in_space.reports) == (122, reports)
     assert score.notes == ["1 of 122 reports tell no height: not in space"]
     space = scored(one_flat, dimensions=3)
