@@ -109,14 +109,14 @@ def simulate(
         start_utc_ns = scene.scene.start_utc_ns or time.time_ns()
     engine = Engine(scene, start_utc_ns)
     end_utc_ns = start_utc_ns + round(duration_s * NS)
-    parts: list[list[Batch]] = [[NOTHING] for _ in scene.sensor]  # Of each sensor
+    parts: list[list[Batch]] = [[] for _ in scene.sensor]  # Of each sensor
     for before_ns in (*range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS), end_utc_ns + 1):
         for seen in engine.until(before_ns - 1, messages=False):
             for i in np.unique(seen.sectors.sensor).tolist():
                 parts[i].append(seen.rows(np.flatnonzero(seen.sectors.sensor == i)))
     found = {}
     for sensor, of_sensor in zip(scene.sensor, parts, strict=True):
-        whole = Batch.joined(of_sensor)
+        whole = Batch.joined(of_sensor or [NOTHING])
         found[sensor.id] = SimulatedSensor(
             sensor=sensor,
             plots=of_sectors(SimulatedPlots, whole.plots, whole.plots_by, whole.sectors),
