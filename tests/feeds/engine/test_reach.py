@@ -131,3 +131,11 @@ def test_heights_alone_are_those_of_the_whole_transformation(
         slant_m = rng.uniform(0, range_m, 2000)
         whole_m = frame.to_geodetic(aer_to_enu(*angles_deg, slant_m))[2]
         assert np.abs(frame.heights_m(*angles_deg, slant_m) - whole_m).max() < within_m
+
+
+def test_who_sees_nobody_has_the_columns_of_its_kind() -> None:
+    """Of sound, when it was made."""
+    made = scene(SENSORS[3:], [held("far", 5.0, 8.0, 9000.0)], seed=104)
+    looks = simulate(made, 3.0, start_utc_ns=START_NS)["microphones"].looks
+    assert len(looks) == 0
+    assert looks.emitted_utc_ns is not None
