@@ -360,3 +360,18 @@ def _shaped(covariance: Floats, units: Floats) -> Floats:
     along *= np.sqrt(np.maximum(variances, 0.0))[:, None, :]
     shaped: Floats = np.einsum("nia,nka->nki", axes, along)
     return shaped
+
+
+NEVER = np.iinfo(np.int64).max  # In place of a time
+
+
+def enough_ns(drone: Ints, t_utc_ns: Ints, plots: int, within_ns: int, drones: int) -> Ints:
+    """When each of so many drones has `plots` within that time, by rows (n,); else `NEVER`."""
+    found = np.full(drones, NEVER, np.int64)
+    order = np.lexsort((t_utc_ns, drone))
+    drone, t_utc_ns = drone[order], t_utc_ns[order]
+    last = slice(plots - 1, None)
+    first = slice(0, max(len(drone) - plots + 1, 0))
+    soon = (drone[last] == drone[first]) & (t_utc_ns[last] - t_utc_ns[first] <= within_ns)
+    np.minimum.at(found, drone[last][soon], t_utc_ns[last][soon])
+    return found

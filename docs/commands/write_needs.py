@@ -16,9 +16,9 @@ from tempfile import TemporaryDirectory
 from pages import between, table
 
 from plotfeed.feeds.console.process import keep_freed, processor
+from plotfeed.feeds.engine.ordinary_world import START_UTC_NS
 from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
 from plotfeed.feeds.lab.needs import (
-    START_UTC_NS,
     Finding,
     Needs,
     change_text,

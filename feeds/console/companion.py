@@ -10,6 +10,7 @@ from asyncio.subprocess import DEVNULL, PIPE, STDOUT, Process
 from collections.abc import AsyncIterator, Mapping, Sequence
 
 from plotfeed.feeds.console.posix import end_group
+from plotfeed.proto.errors import PlotfeedError
 
 TERM_S = 5.0  # It has so long to end when it is told to; then it is killed
 MAX_LINE = 200  # Characters of its last line that are told
@@ -21,16 +22,20 @@ async def beside(
 ) -> AsyncIterator[Companion]:
     """A program that runs meanwhile, and is gone afterwards with all that it has started.
 
-    `environment` is added to this process's own; raises `OSError`.
+    `environment` is added to this process's own. Raises `PlotfeedError`, which names the option of
+    that name.
     """
-    process = await asyncio.create_subprocess_exec(
-        *words,
-        stdin=DEVNULL,
-        stdout=PIPE,
-        stderr=STDOUT,
-        env={**os.environ, **environment, "PYTHONUNBUFFERED": "1"},
-        start_new_session=True,
-    )
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *words,
+            stdin=DEVNULL,
+            stdout=PIPE,
+            stderr=STDOUT,
+            env={**os.environ, **environment, "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise PlotfeedError(f"--{name}: {error.strerror or error}") from None
     companion = Companion(process, name)
     try:
         yield companion

@@ -32,13 +32,13 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.varied_keys import VariedKey
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import FALSE_ALARM, OTHER, Bools, Floats, Ints
+from plotfeed.models.tracks import NEVER, enough_ns
 from plotfeed.models.verdicts import NOTHING, Interval, mean_interval, ratio_interval
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 START_UTC_NS = 1_767_225_600 * NS  # 2026-01-01T00:00:00Z: when scenes begin that do not say when
 USUAL_S = 60.0  # How long runs last of scenes that do not say for how long
-NEVER = np.iinfo(np.int64).max
 Row = list[Any]
 
 SENSOR_COLUMNS: Mapping[str, type] = {
@@ -139,18 +139,6 @@ def arrivals_ns(seen: SimulatedSensor, seed: int, start_ns: int) -> Ints:
 def _without_octets(link: LinkSettings | None) -> LinkSettings | None:
     octets = {"rate_kbit_s": None, "corrupt": 0.0}
     return None if link is None else link.model_copy(update=octets)
-
-
-def enough_ns(drone: Ints, t_utc_ns: Ints, plots: int, within_ns: int, drones: int) -> Ints:
-    """When each of so many drones has `plots` within that time, by rows (n,); else `NEVER`."""
-    found = np.full(drones, NEVER, np.int64)
-    order = np.lexsort((t_utc_ns, drone))
-    drone, t_utc_ns = drone[order], t_utc_ns[order]
-    last = slice(plots - 1, None)
-    first = slice(0, max(len(drone) - plots + 1, 0))
-    soon = (drone[last] == drone[first]) & (t_utc_ns[last] - t_utc_ns[first] <= within_ns)
-    np.minimum.at(found, drone[last][soon], t_utc_ns[last][soon])
-    return found
 
 
 class _RunFigures:

@@ -8,7 +8,8 @@ import math
 import re
 import shlex
 import shutil
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from importlib.metadata import version
@@ -226,22 +227,15 @@ class _Followed(Observer):
         self.placeless += without
 
 
-@contextlib.asynccontextmanager
-async def _started(
+def _started(
     job: RunJob, broker: BrokerAddress, prefix: str, topic: str
-) -> AsyncIterator[Companion]:
+) -> AbstractAsyncContextManager[Companion]:
     """The tracker's process, which is gone afterwards with all that it has started."""
     url, port = f"mqtt://{broker.host}:{broker.port}", str(broker.port)
     told_of = (url, url, broker.host, port, port, prefix, topic, str(job.seed))
     values = dict(zip(PLACES, told_of, strict=True))
     told = {f"PLOTFEED_TRACKER_{name.upper()}": value for name, value in values.items()}
-    words = job.plan.of(job.level).filled(values)
-    async with contextlib.AsyncExitStack() as stack:
-        try:
-            tracker = await stack.enter_async_context(beside(words, told, "tracker"))
-        except OSError as error:
-            raise PlotfeedError(f"--tracker: {error.strerror or error}") from None
-        yield tracker
+    return beside(job.plan.of(job.level).filled(values), told, "tracker")
 
 
 # Figures of the printed table and the picture, with their titles and how they are printed: as known

@@ -14,11 +14,11 @@ from support.command import plotfeed_here
 from support.doc_commands import DOCS, doc_command
 
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.engine.ordinary_world import WORLD_KEYS
 from plotfeed.feeds.lab import needs
 from plotfeed.feeds.lab.needs import (
     FIRST_RUNS,
     METRICS,
-    WORLD_KEYS,
     Finding,
     Needs,
     Run,

@@ -12,20 +12,13 @@ from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.lab.runs import RunJob
-from plotfeed.feeds.lab.sweep import (
-    NEVER,
-    SENSOR_COLUMNS,
-    START_UTC_NS,
-    RunPlan,
-    arrivals_ns,
-    enough_ns,
-    run_once,
-)
+from plotfeed.feeds.lab.sweep import SENSOR_COLUMNS, START_UTC_NS, RunPlan, arrivals_ns, run_once
 from plotfeed.feeds.scene.levels import levels_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.varied_keys import VariedKey
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.tracks import NEVER, enough_ns
 from plotfeed.proto.utc import NS
 
 PLAN = RunPlan(
