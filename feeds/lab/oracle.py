@@ -12,11 +12,10 @@ sensor's antenna; powers linear where no name says dB.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, special, stats
 
+from plotfeed.feeds.recording.recorded_horizons import FURTHER_M, STEP, read_horizons
 from plotfeed.feeds.scene.fields import Location, Site
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -44,9 +44,6 @@ NEAREST_M = 1.0
 DIPOLE_DB = 2.15
 ONE_WIDTH_DB = 40 * np.log10(2)  # Loss of a Gaussian beam one 3 dB width off its axis, one way
 STEADY = np.inf
-# Of horizons in a recording: octets, parts of the circle, and what no edge is as far as.
-MOST_OCTETS, MOST_PARTS, FURTHER_M = 1 << 30, 3600, 4e6
-STEP = np.dtype([("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")])
 # Terms of the series of a fluctuating target, and what is left of it that counts.
 # Share of a beam that a track may lag, and what is left open of Pd that is worked out by its aim.
 LAGS, OF_AIM = 0.15, 0.01
@@ -497,7 +494,7 @@ class _Look:
         self.doubt("drones that the scene does not name", strange[self.of])
         self.signatures = [TargetSignature() if each is None else each for each in found]
         has_some = scene.terrain is not None and scene.encloses(HORIZONS)
-        self.horizons = _read_horizons(scene.file(HORIZONS)) if has_some else []
+        self.horizons = _horizons(scene.file(HORIZONS)) if has_some else []
         if scene.terrain is not None and not self.horizons:
             self.doubt("ground and buildings, whose horizons are not there")
 
@@ -641,30 +638,8 @@ class _Horizon(LevelAxes):
 
 
 @lru_cache(maxsize=1)
-def _read_horizons(path: Path) -> list[_Horizon]:
-    """Horizons as a recording has them; none of what is damaged, since anybody may have made it."""
-    unpacked = zlib.decompressobj()
-    try:
-        told = unpacked.decompress(path.read_bytes(), MOST_OCTETS)
-        count = int(np.frombuffer(told, "<u4", 1)[0])
-        heads = np.frombuffer(told, "<f8", 4 * count, 4).reshape(-1, 4)
-        steps = np.frombuffer(told, STEP, offset=4 + heads.nbytes)
-    except (ValueError, zlib.error):
-        return []
-    lat, lon, _, parts = heads.T
-    at_all = (np.abs(lat) <= 90) & (np.abs(lon) <= 360) & (parts >= 1) & (parts <= MOST_PARTS)
-    edges = (steps["distance_m"] > 0) & (steps["distance_m"] < FURTHER_M)
-    edges &= (steps["place"] < count) & np.isfinite(steps["slope"])
-    if not (np.isfinite(heads).all() and at_all.all() and edges.all() and unpacked.eof):
-        return []
-    steps = steps[np.lexsort((steps["distance_m"], steps["azimuth"], steps["place"]))]
-    first = np.searchsorted(steps["place"], np.arange(count + 1)).tolist()
-    return [
-        _Horizon(lat, lon, height_m, int(parts), steps[start:end])
-        for (lat, lon, height_m, parts), (start, end) in zip(
-            heads.tolist(), pairwise(first), strict=True
-        )
-    ]
+def _horizons(path: Path) -> list[_Horizon]:
+    return [_Horizon(*each) for each in read_horizons(path)]
 
 
 # What weather takes and sends back: ITU-R P.838-3 and P.676-10, Marshall and Palmer.
@@ -1372,15 +1347,25 @@ def _heard(sensor: Any, snr_db: Floats) -> Floats:
     return np.asarray(special.expit(sensor.slope_per_db * over_db))  # eq 43
 
 
+def _array(
+    look: _Look, place_m: Floats, own_m: Floats, base_m: Any = 0.0
+) -> tuple[Floats, Floats, Floats]:
+    """What an array off the sensor by `base_m` hears of places that are seen from it.
+
+    The ratio, dB, and the errors of azimuth and elevation along its own axes.
+    """
+    sensor: Any = look.sensor
+    snr_db = _sound(sensor, place_m, look.each("sound_power_db"))
+    wavelength_m = _sound_speed_m_s(sensor) / sensor.frequency_hz
+    snr_db = snr_db + 10 * np.log10(look.behind(place_m + base_m, wavelength_m, base_m))
+    return snr_db, *_bearing_sigmas(sensor, snr_db, own_m)
+
+
 def _acoustic(look: _Look) -> dict[str, Floats]:
     """A microphone array: a drone is heard where it was when its sound left it."""
-    sensor: Any = look.sensor
-    snr_db = _sound(sensor, look.place_m, look.each("sound_power_db"))
-    wavelength_m = _sound_speed_m_s(sensor) / sensor.frequency_hz
-    snr_db = snr_db + 10 * np.log10(look.behind(look.place_m, wavelength_m))
-    azimuth, elevation = _bearing_sigmas(sensor, snr_db, look.own_m)
+    snr_db, azimuth, elevation = _array(look, look.place_m, look.own_m)
     return {
-        "pd": _heard(sensor, snr_db),
+        "pd": _heard(look.sensor, snr_db),
         "snr_db": snr_db,
         "sigma_azimuth_deg": azimuth,
         "sigma_elevation_deg": elevation,
@@ -1402,10 +1387,7 @@ def _pair(look: _Look) -> dict[str, Floats]:
     later_s = (half - np.sqrt(half**2 - square * rest)) / -square
     later_s = np.where(np.isfinite(later_s), later_s, rest / (-2 * half))
     there_m = there_m + look.velocity * later_s[:, None]
-    snr_db = _sound(sensor, there_m, look.each("sound_power_db"))
-    wavelength_m = speed / sensor.frequency_hz
-    snr_db = snr_db + 10 * np.log10(look.behind(there_m + base_m, wavelength_m, base_m))
-    second, _ = _bearing_sigmas(sensor, snr_db, there_m)
+    snr_db, second, _ = _array(look, there_m, there_m, base_m)
     one, other = (np.radians(directions(m)[0]) for m in (look.place_m, there_m))
     sine = np.sin(one - other)
     near_m = (base_m[0] * np.cos(other) - base_m[1] * np.sin(other)) / sine
