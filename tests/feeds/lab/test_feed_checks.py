@@ -191,7 +191,7 @@ def test_right_feeds_of_every_scene_pass_live_and_recorded_and_planted_faults_ar
 
 
 def test_detections_of_drones_whose_echoes_merge_are_not_judged_and_it_is_said_why() -> None:
-    drones = [held(f"d{i}", 40.0 + 0.2 * i, 5.0, 2000.0, rcs_m2=1.0) for i in range(4)]
+    drones = [held(f"d{i}", 40.0 + 0.2 * i, 5.0, 2000.0, rcs_m2=4.0**i) for i in range(4)]
     alone = held("alone", 200.0, 5.0, 2000.0, rcs_m2=1.0)
     sensor = radar(merging={}, azimuth_beamwidth_deg=2.0)
 
