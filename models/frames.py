@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from typing import Any
 
@@ -240,18 +240,22 @@ class LocalFrame(Axes):
     longitude_deg: float
     height_m: float
 
-    def __post_init__(self) -> None:
-        origin_ecef_m = geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
-        x, y, z = origin_ecef_m.tolist()
-        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
-        vars(self).update(
-            origin_ecef_m=origin_ecef_m,
-            rotation_from_ecef=self._rotation(),
-            meridian=(float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)),
-        )
+    @cached_property
+    def origin_ecef_m(self) -> Floats:  # type: ignore[override]
+        """Where the frame stands, ECEF, metres; (3,)."""
+        return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
 
-    def _rotation(self) -> Floats:
+    @cached_property
+    def rotation_from_ecef(self) -> Floats:  # type: ignore[override]
+        """East, north and up as unit vectors in ECEF, one a row; (3, 3)."""
         return axes_enu(self.latitude_deg, self.longitude_deg)
+
+    @cached_property
+    def meridian(self) -> Meridian:  # type: ignore[override]
+        """Distance from the Earth's axis and along it, sine and cosine of the latitude."""
+        x, y, z = self.origin_ecef_m.tolist()
+        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
+        return float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)
 
 
 def distance_m(vector_m: Floats) -> Floats:

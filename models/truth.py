@@ -603,12 +603,20 @@ class TrackChain:
 def stretches_of(chains: Sequence[TrackChain], t_utc_ns: Sequence[int]) -> Stretches:
     """The stretches of chains (m,) that hold times (m,)."""
     m = len(chains)
-    from_ns, until_ns, max_gap_ns, tail_ns = np.zeros((4, m), np.int64)
+    asked_ns, from_ns, until_ns, max_gap_ns, tail_ns = np.zeros((5, m), np.int64)
     at, after = np.full((2, m), NONE)
     # The samples before those times, and the ones after them.
     times_ns, starts = np.zeros(2 * m, np.int64), np.zeros(2 * m, np.bool_)
     position_m, velocity_m_s = np.zeros((2, 2 * m, 3))
-    for i, (chain, t) in enumerate(zip(chains, t_utc_ns, strict=True)):
+    which: list[int] = []  # Times between the same two samples of a drone have one stretch
+    i, last, begins_ns, ends_ns = -1, None, 0, 0
+    for chain, t in zip(chains, t_utc_ns, strict=True):
+        if chain is last and begins_ns <= t < ends_ns:
+            which.append(i)
+            continue
+        i, last = i + 1, chain
+        which.append(i)
+        asked_ns[i] = t
         track, from_ns[i], until_ns[i] = chain.track_at(t)
         max_gap_ns[i], tail_ns[i] = track.max_gap_ns, track.tail_ns
         shift_ns = 0
@@ -621,9 +629,14 @@ def stretches_of(chains: Sequence[TrackChain], t_utc_ns: Sequence[int]) -> Stret
                 position_m[row] = track.position_ecef_m[k]
                 velocity_m_s[row] = track.velocity_ecef_m_s[k]
                 starts[row] = k in track.starts
-    samples = times_ns, position_m, velocity_m_s, starts
-    found = stretches_between(np.array(t_utc_ns), at, after, samples, max_gap_ns, tail_ns)
-    return found.between(from_ns, until_ns)
+        begins_ns = ends_ns = 0
+        if at[i] >= 0 and after[i] >= 0 and times_ns[m + i] - times_ns[i] <= track.max_gap_ns:
+            begins_ns = max(int(times_ns[i]), int(from_ns[i]))
+            ends_ns = begins_ns if starts[m + i] else min(int(times_ns[m + i]), int(until_ns[i]))
+    samples, n = (times_ns, position_m, velocity_m_s, starts), i + 1
+    found = stretches_between(asked_ns[:n], at[:n], after[:n], samples, max_gap_ns[:n], tail_ns[:n])
+    found = found.between(from_ns[:n], until_ns[:n])
+    return found if n == m else found.rows(np.array(which))
 
 
 # The stretch of each drone's path that was asked for last, so that most lookups are arithmetic.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import ceil, cosh, log2, sqrt, tanh
 
 import numpy as np
 
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.frames import LocalFrame, aer_to_enu, axes_enu
 from plotfeed.models.state import Floats, Ints
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -44,9 +44,11 @@ class SkewFrame(LocalFrame):
         """Skewed axes at the place of another frame."""
         return cls(frame.latitude_deg, frame.longitude_deg, frame.height_m, **skew)
 
-    def _rotation(self) -> Floats:
+    @cached_property
+    def rotation_from_ecef(self) -> Floats:  # type: ignore[override]
+        """The sensor's own axes as unit vectors in ECEF, one a row; (3, 3)."""
         axes = own_axes(self.azimuth_offset_deg, self.tilt_deg, self.tilt_azimuth_deg)
-        return np.asarray(axes @ super()._rotation())
+        return np.asarray(axes @ axes_enu(self.latitude_deg, self.longitude_deg))
 
 
 # Time constants between anchors: what they would have in common is exp(-64), 2e-28.
