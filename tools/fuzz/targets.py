@@ -318,7 +318,7 @@ FLIGHTS, LIVES, RECORDINGS = (
 # By module of `feeds`, what comes in by the doors that it opens; nothing where nobody reads it.
 DOORS: Mapping[str, tuple[str, ...]] = {
     "engine/terrain_files.py": ("raster", "hgt", "buildings"),
-    "lab/runs.py": (),
+    "console/cluster.py": (),
     "page/application.py": ("page",),
     "page/server.py": ("page",),
     "page/scene_outline.py": ("basemap",),

@@ -35,7 +35,9 @@ from plotfeed.replay.pcap import PcapWriter
 RECORDINGS = [*(each.path for each in CAPTURES), *FRAMES]
 # Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
 REGISTERS = "I048/250"
-IN_FEET = "I062/136"  # asterix-decoder shows that level so
+# asterix-decoder reads these in another way: a register without its number, levels in feet, and a
+# field that users agree on.
+OTHERWISE = {"I048/260", "I062/135", "I062/136", "I062/SP"}
 AS_DECODER = CATEGORIES | {62: CAT062_1_18}
 
 
@@ -66,7 +68,7 @@ def agree_with_decoder(records: list[Record], theirs: list[dict[str, Any]]) -> i
         items = items_of(other)
         assert record.category == other["category"]
         assert set(record.items) == set(items) != set()
-        for name in set(items) - {IN_FEET}:
+        for name in set(items) - OTHERWISE:
             mine, its = list(values(record.items[name])), values_of(items[name])
             if name == REGISTERS:
                 mine = [f"{one:X}{two:X}" for one, two in zip(mine[1::3], mine[2::3], strict=True)]
