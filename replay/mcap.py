@@ -804,6 +804,13 @@ class McapSource:
         self.file.seek(offset)
         return self.file.read(max(0, min(octets, self.octets - offset)))
 
+    def crc(self, start: int, end: int) -> int:
+        """CRC-32 of the octets from `start` up to `end`."""
+        crc = 0
+        for offset in range(start, end, LOOSE_OCTETS):
+            crc = crc32(self.at(offset, min(LOOSE_OCTETS, end - offset)), crc)
+        return crc
+
     def head(self, offset: int) -> tuple[int, int] | None:
         """Opcode and length of the record there; None if the file ends before it does."""
         octets = self.at(offset, HEAD.size)
@@ -851,12 +858,10 @@ def read_index(source: McapSource, damages: Damages) -> Contents | None:
     start = _summary_start(source, damages)
     if start is None:
         return None
-    end = source.octets - FOOTER.size
-    summary = source.at(start, end - start)
     try:
-        return _contents(summary, start)
+        return _contents(source, start)
     except DecodeError as error:
-        damages.add(start + (error.at_octet or 0), f"the index: {error}")
+        damages.add(start, f"the index: {error}")
         return None
 
 
@@ -874,23 +879,23 @@ def _summary_start(source: McapSource, damages: Damages) -> int | None:
         damages.add(at, "the footer: it is not one")
     elif not start:
         return None
-    elif not len(MAGIC) <= start <= at or at - start > MAX_RECORD_OCTETS:
+    elif not len(MAGIC) <= start <= at:
         damages.add(at, "the footer: the index cannot be where it says")
-    elif crc and crc != crc32(octets[: -4 - len(MAGIC)], crc32(source.at(start, at - start))):
+    elif crc and crc != crc32(octets[: -4 - len(MAGIC)], source.crc(start, at)):
         damages.add(start, "the index: its CRC is wrong")
     else:
         return start
     return None
 
 
-def _contents(summary: bytes, start: int) -> Contents | None:
-    """None if the records within are not all that the file has; raises `DecodeError`."""
+def _contents(source: McapSource, start: int) -> Contents | None:
+    """None if the records from there on are not all that the file has; raises `DecodeError`."""
     found, told = Contents(), (-1, -1, -1, -1)
-    fields = Fields(summary)
-    while fields.left:
-        opcode, length = fields.take(HEAD)
-        at = fields.skip(length)
-        record = Fields(summary, at, at + length)
+    at, end = start, source.octets - FOOTER.size
+    while at < end:
+        opcode, body = source.body(at)
+        at += HEAD.size + len(body)
+        record = Fields(body)
         if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             found.define(opcode, record)
         elif opcode == Opcode.CHUNK_INDEX:
@@ -907,6 +912,8 @@ def _contents(summary: bytes, start: int) -> Contents | None:
             told = (schemas, channels, attachments, chunks)
             for _ in range(octets // COUNT.size):
                 number, found.counts[number] = record.take(COUNT)
+    if at > end:
+        raise DecodeError("a record beyond its end")
     spans = sorted(found.spans, key=attrgetter("offset"))
     ends = [span.offset + span.octets for span in spans]
     if any(end > after.offset for end, after in zip(ends, spans[1:], strict=False)):

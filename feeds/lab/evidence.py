@@ -142,6 +142,11 @@ class AskedSensor:
         return np.asarray(model.positions_enu_m[channel])
 
     @property
+    def is_steered(self) -> bool:
+        """Whether it steers its beam dwell by dwell, some of which search."""
+        return bool(self.keys.scan.kind == "electronic")
+
+    @property
     def is_bistatic(self) -> bool:
         """Whether it measures bistatic ranges."""
         return self.keys.geometry is SensorGeometry.BISTATIC

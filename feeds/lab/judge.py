@@ -26,6 +26,7 @@ from plotfeed.models import residuals
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.residuals import Check, LookOdds, PdFigures, Residuals, pd_by_range
+from plotfeed.models.sensors.electronic_radar import SEARCH
 from plotfeed.models.state import Bools, Floats, Ints, Texts
 from plotfeed.models.tail_chances import p_of_normal
 from plotfeed.models.track_metrics import FlightPath
@@ -364,8 +365,14 @@ def _at_stated_times(
     def values(place_enu_m: Floats) -> Floats:
         return _place_values(feed.known, place_enu_m, channel)
 
-    looked_m, _ = _true_states(feed.looks, target, errors.target, true_ns)
-    place_m, velocity_m_s = _true_states(feed.looks, target, errors.target, stated_ns)
+    looks = feed.looks
+    if feed.known is not None and feed.known.is_steered:
+        # What searches tells a place of another time of its dwell, which is a wrong speed between
+        # looks that are a millisecond apart.
+        kept = np.flatnonzero(looks.channel != SEARCH)
+        looks, target = looks.rows(kept), target[kept]
+    looked_m, _ = _true_states(looks, target, errors.target, true_ns)
+    place_m, velocity_m_s = _true_states(looks, target, errors.target, stated_ns)
     moved = _difference(values(place_m), values(looked_m))
     moved[stated_ns == true_ns] = 0.0
     # What others follow from, or what is not known at other times.

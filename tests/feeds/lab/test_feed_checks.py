@@ -155,6 +155,18 @@ def test_a_bearing_that_is_off_is_seen_without_a_range() -> None:
     assert abs(checks["azimuth"].found - 2.0) < 5 * checks["azimuth"].sigma
 
 
+def test_a_steered_beam_that_is_late_is_not_called_off_in_range() -> None:
+    """Although its looks that search, and those that confirm a millisecond later, tell no speed."""
+    perimeter = scenes()["perimeter"]
+    gate = next(s for s in perimeter.sensor if s.id == "north-gate")
+    late = gate.model_dump(exclude_unset=True) | {"bias": {"time_offset_s": 1.0}}
+    made = perimeter.model_copy(update={"sensor": (type(gate).model_validate(late),)})
+    checks = checks_of(made, simulate(made, 120.0, start_utc_ns=START_NS)["north-gate"])
+    assert checks["time"].p < 1e-9
+    assert checks["time"].found == pytest.approx(1.0, abs=5 * checks["time"].sigma)
+    assert checks["range"].p > 1e-4
+
+
 def test_what_is_no_recording_or_has_no_ledger_is_said(tmp_path: Path) -> None:
     other = tmp_path / "notes.mcap"
     other.write_text("nothing of the kind")

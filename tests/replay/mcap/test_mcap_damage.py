@@ -14,6 +14,7 @@ from mcap.writer import Writer
 from support.recordings import START_NS, mcap_of, messages
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.replay import mcap as mcap_file
 from plotfeed.replay.mcap import DEFINE_EVERY, McapReader
 from plotfeed.replay.recorded import Recorded
 
@@ -180,6 +181,16 @@ def test_an_index_that_points_at_one_chunk_again_and_again_or_nowhere_is_not_bel
     found, reader = read(data + record(15, bytes(4)) + footer(index, len(data) + 13))
     assert found == RECORDED
     assert any(says in damage.what for damage in reader.damage)
+
+
+def test_an_index_may_be_larger_than_any_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = mcap_of(RECORDED * 40, flush_every=CHUNK)
+    at = data.index(record(15, bytes(4))[:9])  # the end of the data, after which the index begins
+    monkeypatch.setattr(mcap_file, "MAX_RECORD_OCTETS", (len(data) - at) // 4)
+    reader = McapReader(io.BytesIO(data))
+    assert reader.is_indexed
+    assert not reader.damage
+    assert reader.counts.total() == 40 * len(RECORDED)
 
 
 def test_a_broken_list_of_damage_ends() -> None:
