@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -52,6 +52,14 @@ def read_frame(data: bytes) -> Frame:
     magic, flags, number, now_ms = struct.unpack_from("<4sIQd", data)
     assert magic == b"PLF1"
     return Frame(bool(flags & SNAPSHOT), number, now_ms, list(_sections(data, 24)))
+
+
+def news_of(frames: Iterable[Frame]) -> dict[str, Any]:
+    """What is known after those updates: of each item of news the latest."""
+    found: dict[str, Any] = {}
+    for frame in frames:
+        found |= frame.news
+    return found
 
 
 def _sections(data: bytes, at: int) -> Iterator[Section]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.brokers import free_port, mosquitto
 from support.every_kind import FAR_SENSORS
-from support.page_updates import Frame, read_frame
+from support.page_updates import Frame, news_of, read_frame
 from support.sessions import at_work
 from support.waiting import until
 
@@ -84,10 +84,7 @@ class Show:
 
     @property
     def news(self) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for frame in self.frames:
-            found |= frame.news
-        return found
+        return news_of(self.frames)
 
     def link(self, sensor: str) -> dict[str, Any]:
         found: dict[str, Any] = self.news.get("details", {}).get(sensor, {}).get("link", {})

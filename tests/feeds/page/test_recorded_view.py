@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
 from support.command import plotfeed
-from support.page_updates import Frame, read_frame
+from support.page_updates import Frame, news_of, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.scene_drones import SceneSpace, planned
@@ -97,10 +97,7 @@ class Shown:
 
     @property
     def news(self) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for frame in self.frames:
-            found |= frame.news
-        return found
+        return news_of(self.frames)
 
 
 def straight(until_s: float, step_s: float = 0.1) -> list[tuple[float, bool]]:
