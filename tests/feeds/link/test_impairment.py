@@ -9,21 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from support.links import NS, OCTETS, START_NS, due_times, link, passed
+from support.links import OCTETS, START_NS, due_times, link, passed
 
 from plotfeed.feeds.link.delays import MOST_REPEATS, DelayLaw, waits_ns
 from plotfeed.feeds.link.impairment import (
     HELD,
+    LOST,
     OUTAGE,
+    QUEUE_FULL,
     Copy,
     Impairment,
     LinkExpectation,
     Outcome,
     flip,
-    random_rows,
 )
 from plotfeed.feeds.scene.link_keys import LONGEST_DELAY_MS, LinkSettings
-from plotfeed.models.chance import Chance
 from plotfeed.proto import plotfeed_pb2 as pb
 
 MS = 1_000_000
@@ -63,19 +63,14 @@ def digest(outcomes: list[Outcome]) -> str:
 def test_the_outcomes_are_those_that_were_recorded() -> None:
     """With another digest no recorded session gives its messages again."""
     dues = due_times(3000, 700)
-    once = passed(LINKS["all"], dues)
+    once, changed = passed(LINKS["all"], dues), Impairment(LINKS["all"], 1, "radar")
     assert digest(once) == "de6e8b6ebf45eb9a0e7dc76d7c1a65ac3e5c603779d0a26a5c8a7a76ccc2fb82"
     assert passed(LINKS["all"], dues, seed=2) != once
     assert passed(LINKS["all"], dues, name="other") != once
-
-
-def test_a_change_to_the_same_changes_nothing() -> None:
-    dues, impairment, outcomes = due_times(3000, 700), Impairment(LINKS["all"], 1, "radar"), []
     for i, due in enumerate(dues):
         if i % 37 == 0:
-            impairment.change(LINKS["all"].model_copy())
-        outcomes.append(impairment.pass_on(due, OCTETS))
-    assert outcomes == passed(LINKS["all"], dues)
+            changed.change(LINKS["all"].model_copy())  # to the same
+        assert changed.pass_on(due, OCTETS) == once[i]
 
 
 @EVERY_LINK
@@ -87,16 +82,6 @@ def test_a_link_started_anew_joins_the_one_that_went_on(name: str) -> None:
         differ = [i for i, pair in enumerate(zip(whole[start:], again, strict=True))
                   if pair[0] != pair[1]]  # fmt: skip
         assert not differ or differ[-1] < 1000
-
-
-def test_rows_are_the_same_however_they_are_drawn() -> None:
-    whole = random_rows(Chance(1, "radar"), 7, 0, 100)
-    chance = Chance(1, "radar")
-    for first, count in ((90, 10), (0, 3), (3, 40), (43, 1)):
-        np.testing.assert_array_equal(
-            random_rows(chance, 7, first, count), whole[first : first + count]
-        )
-    assert not np.isin(random_rows(chance, 8, 0, 100), whole).any()
 
 
 @pytest.mark.parametrize("rate_hz", [1, 7, 20_000])
@@ -158,16 +143,6 @@ def test_an_outage_drops_and_changes_nothing_after_it() -> None:
     assert outcomes[800:] == whole[800:]
 
 
-def test_a_link_that_stalls_holds_what_comes_while_it_is_down() -> None:
-    impairment = Impairment(link(latency_ms=5.0, on_loss="stall", down=True), 1, "radar")
-    assert impairment.pass_on(START_NS, OCTETS) == HELD
-    impairment.change(link(latency_ms=5.0, on_loss="stall"))
-    later = START_NS + 3 * NS
-    assert impairment.pass_on(later, OCTETS).copies == (Copy(later + 5_000_000, None),)
-    # What is passed on late with its own due time leaves no sooner than what came before.
-    assert impairment.pass_on(START_NS, OCTETS).copies == (Copy(later + 5_000_000, None),)
-
-
 def test_a_change_of_link_takes_effect_at_once_and_draws_on() -> None:
     dues = due_times(2000, 500)
     impairment = Impairment(link(), 1, "radar")
@@ -181,90 +156,48 @@ def test_a_change_of_link_takes_effect_at_once_and_draws_on() -> None:
         assert outcome == (expected[i] if i // 100 % 2 else Outcome(pb.SENT, (Copy(due, None),)))
 
 
-def test_order_holds_against_what_left_before_it_was_asked_for() -> None:
-    impairment = Impairment(link(latency_ms=100.0), 1, "radar")
-    (slow,) = impairment.pass_on(START_NS, OCTETS).copies
-    impairment.change(link(in_order=True))
-    (quick,) = impairment.pass_on(START_NS + 1, OCTETS).copies
-    assert quick.due_utc_ns == slow.due_utc_ns
-    impairment.change(link())
-    assert impairment.pass_on(START_NS + 2, OCTETS).copies == (Copy(START_NS + 2, None),)
+SLOW = {"rate_kbit_s": 80.0}  # 10 octets a millisecond
+LOSE_ALL = {"loss": {"kind": "random", "probability": 1.0}}
+STALL = {"latency_ms": 20.0, "on_loss": "stall"}
+ALWAYS = {"loss": {"kind": "gilbert-elliott", "p": 1.0, "r": 0.0}}
+NEVER_BEGINS = {"loss": {"kind": "gilbert-elliott", "p": 0.0, "r": 1e-12}}
+COPIES, SMALL = {"duplicate": 1.0, "corrupt": 1.0}, SLOW | {"queue_messages": 3}
+HEADERS = SLOW | {"overhead_octets": 40, "latency_ms": 7.0}
+THREE = [(0, 100, [10]), (0, 100, [20]), (0, 100, [30]), (0, 100, QUEUE_FULL)]
+# Of one link, in turn: its settings from then on, or a message, due at so many milliseconds and of
+# so many octets, and when its copies leave, or what becomes of it instead.
+CASES: dict[str, list[Any]] = {
+    "down": [STALL | {"down": True}, (0, 60, HELD), STALL, (3000, 60, [3020]), (0, 60, [3020])],
+    "order": [{"latency_ms": 100.0}, (0, 9, [100]), {"in_order": True}, (1, 9, [100])],
+    "no order any more": [{"latency_ms": 100.0}, (0, 9, [100]), {}, (2, 9, [2])],
+    "state of loss": [ALWAYS, (0, 60, LOST), NEVER_BEGINS, *[(n, 60, LOST) for n in range(50)]],
+    "no bit to flip": [COPIES, (0, 0, [0, 0])],
+    "headers": [HEADERS, (0, 60, [17]), (0, 160, [37]), (50, 0, [61])],
+    "full": [SMALL, *THREE, (20, 100, [40]), (20, 100, [50]), (20, 100, QUEUE_FULL)],
+    "a copy waits": [SMALL | COPIES, (0, 100, [10, 20]), (0, 100, [30]), (0, 100, QUEUE_FULL)],
+    "quicker": [SLOW, (0, 1000, [100]), {"rate_kbit_s": 800.0}, (0, 1000, [110])],
+    "no rate any more": [SLOW, (0, 1000, [100]), {}, (1, 1000, [100]), (1000, 1000, [1000])],
+    "lost before it waits": [SLOW | LOSE_ALL, (0, 100, LOST), SLOW, (0, 100, [10])],
+    # The last of its repeats is after 240, 480, ... ms and then every 120 s; what is behind waits.
+    "lost again and again": [STALL | LOSE_ALL, (0, 9, [842_660]), STALL, (10, 9, [842_660])],
+}
 
 
-def test_a_link_in_order_never_overtakes_though_it_duplicates() -> None:
-    asked = link(**ALL | {"in_order": True, "reorder": None})
-    left = [c.due_utc_ns for o in passed(asked, due_times(3000, 700)) for c in o.copies]
-    assert left == sorted(left)
-
-
-def test_the_state_of_loss_outlives_a_change() -> None:
-    forever = {"kind": "gilbert-elliott", "p": 1.0, "r": 0.0}
-    never_begins = {"kind": "gilbert-elliott", "p": 0.0, "r": 1e-12}
-    impairment = Impairment(link(loss=forever), 1, "radar")
-    dues = due_times(50, 100)
-    assert impairment.pass_on(dues[0], OCTETS).fate == pb.LOST
-    impairment.change(link(loss=never_begins))
-    assert {impairment.pass_on(due, OCTETS).fate for due in dues} == {pb.LOST}
-
-
-def test_an_empty_payload_has_no_bit_to_flip() -> None:
-    impairment = Impairment(link(corrupt=1.0, duplicate=1.0), 1, "radar")
-    assert [c.flipped_bit for c in impairment.pass_on(START_NS, 0).copies] == [None, None]
-    assert {c.flipped_bit for c in impairment.pass_on(START_NS, 1).copies} <= set(range(8))
-
-
-# A rate, and what waits for it.
-
-
-def test_a_message_takes_the_time_of_its_octets_and_of_its_headers() -> None:
-    """And then of the delay."""
-    asked = link(rate_kbit_s=80.0, overhead_octets=40, latency_ms=7.0)
-    impairment = Impairment(asked, 1, "radar")
-    for due_ms, octets, sent_ms in ((0, 60, 10), (1, 160, 30), (50, 0, 54)):
-        (copy,) = impairment.pass_on(START_NS + due_ms * MS, octets).copies  # 10 a millisecond
-        assert copy.due_utc_ns == START_NS + (sent_ms + 7) * MS
-
-
-def test_a_full_queue_drops_exactly_what_does_not_fit() -> None:
-    impairment = Impairment(link(rate_kbit_s=80.0, queue_messages=5), 1, "radar")
-    fates = [impairment.pass_on(START_NS, 100).fate for _ in range(9)]
-    assert fates == [pb.SENT] * 5 + [pb.QUEUE_FULL] * 4
-    # After 20 ms two are through, and the third begins to be sent.
-    fates = [impairment.pass_on(START_NS + 20 * MS, 100).fate for _ in range(9)]
-    assert fates == [pb.SENT] * 2 + [pb.QUEUE_FULL] * 7
-
-
-def test_a_copy_takes_its_place_in_the_queue() -> None:
-    impairment = Impairment(link(rate_kbit_s=80.0, duplicate=1.0, queue_messages=3), 1, "radar")
-    first, second = impairment.pass_on(START_NS, 100).copies
-    assert (first.due_utc_ns, second.due_utc_ns) == (START_NS + 10 * MS, START_NS + 20 * MS)
-    third = impairment.pass_on(START_NS, 100)
-    assert [c.due_utc_ns for c in third.copies] == [START_NS + 30 * MS]
-    assert impairment.pass_on(START_NS, 100).fate == pb.QUEUE_FULL
-
-
-def test_a_queue_outlives_a_change_of_rate() -> None:
-    impairment = Impairment(link(rate_kbit_s=80.0), 1, "radar")
-    impairment.pass_on(START_NS, 1000)  # until 100 ms
-    impairment.change(link(rate_kbit_s=800.0))
-    (copy,) = impairment.pass_on(START_NS, 1000).copies
-    assert copy.due_utc_ns == START_NS + 110 * MS
-    impairment.change(link())
-    (copy,) = impairment.pass_on(START_NS + MS, 1000).copies
-    assert copy.due_utc_ns == START_NS + 110 * MS  # behind what was taken
-    (copy,) = impairment.pass_on(START_NS + NS, 1000).copies
-    assert copy.due_utc_ns == START_NS + NS
-
-
-def test_what_is_lost_takes_no_place_in_the_queue() -> None:
-    asked = link(rate_kbit_s=80.0, loss={"kind": "random", "probability": 1.0})
-    impairment = Impairment(asked, 1, "radar")
-    assert {impairment.pass_on(START_NS, 100).fate for _ in range(9)} == {pb.LOST}
-    impairment.change(link(rate_kbit_s=80.0))
-    assert impairment.pass_on(START_NS, 100).copies[0].due_utc_ns == START_NS + 10 * MS
-
-
-# Links on which what is lost is sent again, and all else waits behind it.
+@pytest.mark.parametrize("case", CASES)
+def test_a_link_does_what_is_worked_out_by_hand(case: str) -> None:
+    settings, *steps = CASES[case]
+    impairment = Impairment(link(**settings), 1, "radar")
+    for step in steps:
+        if isinstance(step, dict):
+            impairment.change(link(**step))
+            continue
+        due_ms, octets, expected = step
+        outcome = impairment.pass_on(START_NS + due_ms * MS, octets)
+        if isinstance(expected, Outcome):
+            assert outcome == expected
+        else:
+            assert [(c.due_utc_ns - START_NS) / MS for c in outcome.copies] == expected
+            assert octets or {c.flipped_bit for c in outcome.copies} == {None}
 
 
 # Of a quick link it is that of Linux; the mean deviation of a normal law is sigma sqrt(2/pi), and
@@ -282,29 +215,6 @@ def test_repeats_wait_twice_as_long_each_time_up_to_two_minutes(
 ) -> None:
     expected = [min(first_ms * 2**n, 120_000.0) for n in range(MOST_REPEATS)]
     np.testing.assert_allclose(np.diff(waits_ns(law)) / MS, expected, rtol=1e-3)
-
-
-def test_a_lost_message_comes_after_its_time_out_and_what_is_behind_with_it() -> None:
-    asked = link(latency_ms=20.0, loss={"kind": "random", "probability": 0.01}, on_loss="stall")
-    dues = due_times(3000, 100)
-    outcomes = passed(asked, dues)
-    delays = np.array([o.copies[0].due_utc_ns - d for o, d in zip(outcomes, dues, strict=True)])
-    dropped = link(loss={"kind": "random", "probability": 0.01})
-    lost = np.flatnonzero([o.fate == pb.LOST for o in passed(dropped, dues)])
-    alone = [i for i in lost if np.count_nonzero(abs(lost - i) < 100) == 1 and i < 2970]
-    assert len(alone) >= 3
-    for i in alone:
-        repeats = waits_ns(DelayLaw(20.0)).index(delays[i] - 20 * MS)
-        assert repeats >= 1
-        if repeats == 1:  # all of the next 240 ms come when it does
-            np.testing.assert_array_equal(delays[i : i + 24], (260 - 10 * np.arange(24)) * MS)
-
-
-def test_a_link_that_loses_everything_lets_a_message_through_at_last() -> None:
-    asked = link(loss={"kind": "random", "probability": 1.0}, on_loss="stall")
-    (copy,) = Impairment(asked, 1, "radar").pass_on(START_NS, OCTETS).copies
-    assert copy.due_utc_ns - START_NS == waits_ns(DelayLaw(0.0))[-1]
-    assert waits_ns(DelayLaw(0.0))[-1] == round(804.6e9)
 
 
 # Any link, and any messages.

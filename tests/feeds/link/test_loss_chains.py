@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from pathlib import Path
 
 import mpmath as mp
 import numpy as np
@@ -54,16 +53,6 @@ def test_random_loss_has_exactly_its_mean_and_bursts(p: float, c: float) -> None
     chain = chain_of(RandomLoss(kind="random", probability=p, correlation=c))
     assert chain.mean_loss == pytest.approx(p, rel=1e-9)
     assert chain.mean_burst == pytest.approx(1 / ((1 - p) * (1 - c)), rel=1e-6)
-
-
-@given(inner, inner, inner, inner)
-def test_gilbert_elliott_has_the_mean_of_its_formula(
-    p: float, r: float, good: float, bad: float
-) -> None:
-    loss = GilbertElliott(kind="gilbert-elliott", p=p, r=r, good_loss=good, bad_loss=bad)
-    assert chain_of(loss).mean_loss == pytest.approx((p * bad + r * good) / (p + r))
-    without = GilbertElliott(kind="gilbert-elliott", p=p, r=r, bad_loss=bad)
-    assert chain_of(without).mean_burst == pytest.approx(1 / (1 - bad * (1 - r)))
 
 
 @given(st.floats(0.001, 0.9), st.floats(1, 1000))
@@ -155,15 +144,15 @@ def test_four_states_by_hand(loss: dict[str, float], mean_loss: float, mean_burs
 
 
 def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
-    asked = (None, {"kind": "random", "probability": 0.0}, {"kind": "random", "probability": 1.0})
-    clear, never, always = (LinkExpectation(link(loss=loss)).loss for loss in asked)
-    assert math.isnan(clear.mean_burst)
-    assert math.isnan(never.mean_burst)
-    assert np.isnan(never.burst_survival(3)).all()
-    assert always.mean_burst == math.inf
-    assert (always.burst_survival(3) == 1).all()
-    assert (clear.mean_loss, never.mean_loss, always.mean_loss) == (0, 0, 1)
-    assert clear.spread_of_loss(10) == 0
+    never, always = ({"kind": "random", "probability": p} for p in (0.0, 1.0))
+    for loss, mean, burst, survival in (
+        *((loss, 0, math.nan, math.nan) for loss in (None, never)),
+        (always, 1, math.inf, 1),
+    ):
+        chain = LinkExpectation(link(loss=loss)).loss
+        assert (chain.mean_loss, chain.spread_of_loss(10)) == (mean, 0)
+        np.testing.assert_equal(chain.mean_burst, burst)
+        np.testing.assert_equal(chain.burst_survival(3), survival)
 
 
 def test_states_that_last_beyond_all_numbers_have_a_spread_and_a_burst() -> None:
@@ -194,7 +183,6 @@ def test_two_runs_that_have_met_stay_together(
 # Laws of delay.
 
 NAMED = ("normal", "uniform", "pareto", "paretonormal")
-TABLES = Path("/usr/lib/x86_64-linux-gnu/tc")
 QUANTILES = {
     # Of the tables of iproute2 6.1, in jitters.
     "normal": {0.01: -2.3253, 0.1: -1.2816, 0.25: -0.6746, 0.75: 0.6740, 0.9: 1.2805, 0.99: 2.3185},
@@ -228,26 +216,6 @@ def test_shapes_have_the_quantiles_of_netem(shape: str) -> None:
         assert found == pytest.approx(1000 + 100 * jitters, abs=1.0)
 
 
-@pytest.mark.skipif(not TABLES.exists(), reason="no tables of iproute2 on this machine")
-@pytest.mark.parametrize("shape", QUANTILES)
-def test_shapes_lie_on_the_tables_of_the_machine(shape: str) -> None:
-    text = (TABLES / f"{shape}.dist").read_text()
-    lines = (line for line in text.splitlines() if not line.startswith("#"))
-    table = np.sort([int(word) for line in lines for word in line.split()]) / 8192
-    u = (np.arange(len(table)) + 0.5) / len(table)
-    law = DelayLaw.of(link(latency_ms=1000.0, jitter_ms=100.0, distribution=shape))
-    jitters = (law.quantile_ms(u) - 1000) / 100
-    inner = slice(len(u) // 100, -len(u) // 100)
-    assert np.abs(jitters - table)[inner].max() < 0.025
-    assert abs(jitters.mean() - table.mean()) < 0.003
-    assert abs(jitters.std() - table.std()) < 0.003
-
-
-def test_without_a_name_the_shape_is_normal() -> None:
-    law = DelayLaw.of(link(latency_ms=50.0, jitter_ms=10.0))
-    assert float(law.quantile_ms(0.84134474606854)) == pytest.approx(60.0, abs=1e-9)
-
-
 def test_a_sample_is_straight_between_its_order_statistics() -> None:
     sample = [3.0, 1.0, 2.0, 2.0, 9.0]
     law = DelayLaw.of(link(distribution="table", delays_ms=sample, latency_ms=10.0))
@@ -272,8 +240,7 @@ def test_quantiles_rise_and_the_distribution_undoes_them(law: DelayLaw, u: list[
     np.testing.assert_array_equal(law.cdf([-np.inf, -1.0, 1e11, np.inf]), [0, 0, 1, 1])
 
 
-def test_no_delay_is_below_0() -> None:
+def test_without_a_name_the_shape_is_normal_and_no_delay_is_below_0() -> None:
     law = DelayLaw.of(link(latency_ms=1.0, jitter_ms=1.0))
-    assert float(law.quantile_ms(0.0)) == 0
-    assert float(law.cdf(0.0)) == pytest.approx(0.1586552539)
-    assert float(law.cdf(-1e-9)) == 0
+    np.testing.assert_allclose(law.quantile_ms([0.0, 0.84134474606854]), [0, 2], atol=1e-9)
+    np.testing.assert_allclose(law.cdf([-1e-9, 0.0]), [0, 0.1586552539], atol=1e-9)

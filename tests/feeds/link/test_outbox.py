@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.counters import LastLateness, SessionCounters, lateness_us
 from plotfeed.feeds.link.outbox import Departure, Outbox, send_all
 from plotfeed.feeds.link.uplink import InTime, Uplink
 from plotfeed.feeds.messages.message import SENT, UNDELIVERED, UNSPECIFIED, Message, records
@@ -149,8 +151,7 @@ def test_an_entry_is_complete_when_the_last_transport_has_settled() -> None:
 
 def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_there() -> None:
     """Who listens sees what is handed over, and what leaves even when nobody takes it."""
-    before: list[bytes] = []
-    after: list[tuple[bytes, int]] = []
+    before, after = list[bytes](), list[tuple[bytes, int]]()
     case = Case(
         Socket("nothing"),
         link={"latency_ms": 120.0},
@@ -165,28 +166,32 @@ def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_there() -
     ((first, _),) = case.entries
     assert (first.due_utc_ns, first.link_due_utc_ns, first.fate) == (0, 120 * MS, pb.UNDELIVERED)
     assert case.outbox.on_the_way == 0
-    case = Case(Socket(), link={"latency_ms": 120.0})
-    case.send(message())
-    case.until(120 * MS)
-    assert list(case.totals.lateness_ns) == [0]
 
 
-RANDOM = {"kind": "random", "probability": 1.0}
+LOSE_ALL = {"loss": {"kind": "random", "probability": 1.0}}
 
 
 @pytest.mark.parametrize(
-    ("settings", "fate"), [({"loss": RANDOM}, pb.LOST), ({"down": True}, pb.OUTAGE)]
+    ("settings", "fate", "counted_as"),
+    [
+        (LOSE_ALL, pb.LOST, "lost"),
+        ({"down": True}, pb.OUTAGE, "lost"),
+        ({"latency_ms": 5.0}, pb.STALE, "stale"),
+    ],
 )
-def test_what_a_link_loses_is_in_the_ledger_and_not_published(settings: Any, fate: int) -> None:
+def test_what_a_link_loses_or_brings_too_late_is_in_the_ledger_and_not_published(
+    settings: Any, fate: int, counted_as: str
+) -> None:
     socket = Socket()
-    case = Case(socket, link=settings)
+    in_time = lambda m, t: None if t - m.due_utc_ns > 4 * MS else m.payload  # noqa: E731
+    case = Case(socket, link=settings, in_time=in_time)
     case.send(message())
     case.outbox.send_past_link(message(b"status"))
     ((sent,),) = case.entries
     assert (sent.fate, sent.delivered, sent.sent_utc_ns) == (fate, False, 0)
     assert socket.carried == [b"status"]
-    assert case.totals.lost == case.outbox.counters.lost == 1
-    assert case.totals.messages == 0
+    assert getattr(case.totals, counted_as) == 1
+    assert (case.totals.messages, case.outbox.counters.lost) == (0, counted_as == "lost")
 
 
 def test_duplicates_and_flipped_bits_are_told_apart() -> None:
@@ -230,15 +235,6 @@ def test_a_link_changes_for_what_comes_and_what_it_holds_at_the_end_has_ended() 
     sent = [(one.fate, one.sent_utc_ns, one.number) for (one,) in case.entries]
     assert sent == [(pb.SENT, 0, 0), (pb.SENT, 7 * MS, 1), (pb.ENDED, 0, 2)]
     assert (case.totals.ended, case.outbox.on_the_way) == (1, 0)
-
-
-def test_what_is_too_late_for_whom_it_is_for_is_stale() -> None:
-    socket = Socket()
-    in_time = lambda m, t: None if t - m.due_utc_ns > 4 * MS else m.payload  # noqa: E731
-    case = Case(socket, link={"latency_ms": 5.0}, in_time=in_time)
-    case.send(message())
-    ((sent,),) = case.entries
-    assert (sent.fate, case.totals.stale, socket.carried) == (pb.STALE, 1, [])
 
 
 @pytest.mark.asyncio
@@ -341,8 +337,8 @@ def test_together_as_one_by_one(how: list[tuple[str, bool]], clients: list[Any])
             assert of_client == [p for p in other.carried if p[1] == i]
 
 
-@pytest.mark.parametrize("number", [1, 50])
-def test_each_socket_is_asked_once_and_before_anybody_is_told(number: int) -> None:
+def test_each_socket_is_asked_once_and_before_anybody_is_told() -> None:
+    number = 50
     case = Clients([("at once", True)] * 2, [(2, None, ())] * number)
     carried: list[int] = []
 
@@ -355,3 +351,39 @@ def test_each_socket_is_asked_once_and_before_anybody_is_told(number: int) -> No
     assert [socket.carried for socket in case.sockets] == [payloads, payloads]
     assert carried == [2 * number] * (2 * number)
     assert case.totals.messages == 2 * number
+
+
+# How late what was sent last has left.
+
+PARTS = st.tuples(st.integers(-(2**62), 2**62), st.integers(0, 300))
+
+
+@given(st.integers(1, 100), st.lists(st.one_of(PARTS, st.none()), max_size=20))
+def test_the_last_are_kept_in_order(most: int, parts: list[tuple[int, int] | None]) -> None:
+    kept, expected = LastLateness(most), deque[int](maxlen=most)
+    for part in parts:
+        if part is None:
+            kept.clear()
+            expected.clear()
+        else:
+            value, times = part
+            kept.append(value, times)
+            expected.extend([value] * times)
+            assert len(kept._values) < 2 * most  # and so the memory that they take
+        assert len(kept) == len(expected)
+        assert list(kept) == list(kept.values()) == list(expected)
+
+
+@given(
+    st.lists(st.integers(-(10**12), 10**12), min_size=1, max_size=50),
+    st.lists(st.floats(0, 100), min_size=1, max_size=4),
+)
+def test_percentiles_are_those_of_numpy(values: list[int], percentiles: list[float]) -> None:
+    kept = LastLateness(len(values))
+    assert lateness_us(kept, *percentiles) == [0.0] * len(percentiles)
+    for value in (10**12, *values):  # which gives way
+        kept.append(value)
+    expected = np.percentile(values, percentiles) / 1e3
+    for given_as in (values, kept):
+        found = lateness_us(given_as, *percentiles)
+        assert found == pytest.approx(expected.tolist(), rel=1e-9, abs=1e-5)
