@@ -1,222 +1,460 @@
-"""Reports of every kind that sensors send: what is measured comes back, and nothing else."""
+"""Reports of every kind are byte for byte what libasterix makes of integers worked out by hand.
+
+Each case has what an encoder is given in place of the usual, and what must come of it: libasterix
+only puts these integers in their places.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from asterix.generated import (  # type: ignore[import-not-found]
+    Cat_015_1_2,
+    Cat_016_1_0,
+    Cat_025_1_6,
+    Cat_034_1_29,
+    Cat_048_1_32,
+    Cat_062_1_21,
+    Cat_063_1_7,
+    Cat_205_1_0,
+)
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.asterix_input import numeric_slots, plots, tracks
+from support.asterix_input import plots, tracks
 
-from plotfeed.proto.asterix.cat015 import CAT015, Geometry, PlotEncoder015, Scanning
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.cat016 import SystemEncoder016
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, status_025
-from plotfeed.proto.asterix.cat048 import CAT048, PlotEncoder048, north_markers
-from plotfeed.proto.asterix.cat062 import CAT062, TrackEncoder062, status_063
-from plotfeed.proto.asterix.cat129 import CAT129, TargetEncoder129
-from plotfeed.proto.asterix.cat205 import CAT205, BearingEncoder205
-from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, north_markers, sector_crossings
+from plotfeed.proto.asterix.cat062 import TrackEncoder062, status_063
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.asterix.codec.encode import Reports
-from plotfeed.proto.asterix.codec.layout import Category, Overflow, Quantity
+from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import EncodeError
-from plotfeed.proto.units import FOOT_M, NM_M
 
-OURS, FIRST = (25, 3), np.array([0])
+OURS = 25, 3
+SOURCE = (("SAC", 25), ("SIC", 3))
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73}
-DAY_NS = 86_400 * 10**9
+MIDNIGHT_NS = 1_700_006_400 * 10**9
+SECOND_NS = MIDNIGHT_NS + 10**9
+# The last that rounds to the day before, and the first that rounds to midnight.
+LAST_NS, NEXT_NS = MIDNIGHT_NS - 3_906_251, MIDNIGHT_NS - 3_906_250
+LAST = 11_059_199
+FIRST, ROWS = np.array([0]), 3
+
+Given = dict[str, Any]
+Integers = dict[str, int]
+Case = tuple[str, Given, Integers]
+
+
+def twos(value: int, bits: int) -> int:
+    """A number in two's complement."""
+    return value & (1 << bits) - 1
+
+
+def block_of(category: Any, items: Given) -> bytes:
+    """A data block of one record of libasterix, with the items that are there."""
+    there = {name: item for name, item in items.items() if item not in (None, {})}
+    record = category.cv_record.create(there)
+    return bytes(category.create([record]).unparse().to_bytes())
+
+
+def of_bits(sent: Integers, **bits: int) -> Integers:
+    """The subfields that are sent."""
+    return {name: twos(sent[name], size) for name, size in bits.items() if name in sent}
+
+
+PLOTS_048: list[Case] = [
+    ("2-D, no amplitude", {}, {}),
+    ("3-D", {"run_length_deg": 1.40625, "amplitude_dbm": -72.0, "height_m": 762.0},
+     {"PRL": 32, "PAM": -72, "3DH": 100}),
+    ("2-D with amplitude", {"run_length_deg": 0, "amplitude_dbm": 0}, {"PRL": 0, "PAM": 0}),
+    ("height alone", {"height_m": 0.0}, {"3DH": 0}),
+    ("amplitude alone", {"amplitude_dbm": -1.0}, {"PAM": -1}),
+    ("run length alone", {"run_length_deg": 5.0}, {"PRL": 114}),
+    ("last range", {"range_m": 474_104.0}, {"RHO": 65535}),
+    ("a tie of range goes down to even", {"range_m": 18.0859375}, {"RHO": 2}),
+    ("a tie of range goes up to even", {"range_m": 10.8515625}, {"RHO": 2}),
+    ("last azimuth", {"azimuth_deg": 359.995}, {"THETA": 65535}),
+    ("rounding reaches north", {"azimuth_deg": 359.998}, {"THETA": 0}),
+    ("last time of day", {"t_utc_ns": LAST_NS}, {"TOD": LAST}),
+    ("rounding reaches midnight", {"t_utc_ns": NEXT_NS}, {"TOD": 0}),
+    ("a tie of time goes down to even", {"t_utc_ns": MIDNIGHT_NS + 3_906_250}, {"TOD": 0}),
+    ("a tie of time goes up to even", {"t_utc_ns": MIDNIGHT_NS + 11_718_750}, {"TOD": 2}),
+    ("below sea level", {"height_m": -100.0}, {"3DH": -13}),
+    ("a tie of height goes to even", {"height_m": -3.81}, {"3DH": 0}),
+    ("approaches", {"range_rate_m_s": -12.4}, {"CAL": -12}),
+]  # fmt: skip
+
+
+def plot_048(sent: Integers, _row: int) -> bytes:
+    return block_of(
+        Cat_048_1_32,
+        {
+            "010": SOURCE,
+            "140": sent["TOD"],
+            "020": ((1, 1, 0, 0, 0, None),),
+            "040": (("RHO", sent["RHO"]), ("THETA", sent["THETA"])),
+            "130": of_bits(sent, PRL=8, PAM=8),
+            "110": (0, ("3DH", twos(sent["3DH"], 14))) if "3DH" in sent else None,
+            "120": {"CAL": (0, 0, twos(sent["CAL"], 10))} if "CAL" in sent else None,
+        },
+    )
+
+
+MONOSTATIC: list[Case] = [
+    ("2-D", {}, {}),
+    ("3-D with everything",
+     {"sigma_range_m": 0.26, "sigma_azimuth_deg": 0.5, "elevation_deg": 12.5,
+      "sigma_elevation_deg": 1.0, "snr": 100.0, "amplitude_dbm": -101.6},
+     {"SDR": 3, "SDASZ": 729, "EL": 4551, "SDEL": 1457, "RPS": 20, "RPP": -102}),
+    ("errors far below an LSB are those of rounding, rounded up",
+     {"sigma_range_m": 1e-3, "sigma_azimuth_deg": 0.0, "elevation_deg": 12.5,
+      "sigma_elevation_deg": 1e-9},
+     {"SDR": 1, "SDASZ": 3, "EL": 4551, "SDEL": 2}),
+    ("below the horizon", {"elevation_deg": -1.0}, {"EL": -364}),
+    ("straight down", {"elevation_deg": -90.0}, {"EL": -32768}),
+    ("a tie of range goes to even", {"range_m": 1000.25}, {"R": 10_002}),
+    ("deviations saturate", {"sigma_range_m": 2e6, "sigma_azimuth_deg": 45.0},
+     {"SDR": 16_777_215, "SDASZ": 65_535}),
+    ("last time of day", {"t_utc_ns": LAST_NS}, {"TOA": LAST}),
+    ("rounding reaches midnight", {"t_utc_ns": NEXT_NS}, {"TOA": 0}),
+    ("SNR saturates", {"snr": 1e20}, {"RPS": 127}),
+    ("SNR below 1", {"snr": 0.5}, {"RPS": -3}),
+    ("of a class", {"kind": "multirotor"}, {"CLS": 300}),
+    ("approaches", {"range_rate_m_s": -12.34, "sigma_range_rate_m_s": 0.25},
+     {"DV": -1234, "SDDV": 17}),
+]  # fmt: skip
+MULTISTATIC: list[Case] = [
+    ("passive", {"sigma_bistatic_range_m": 12.34}, {"SDR": 124}),
+    ("a negative difference", {"bistatic_range_m": -12.3}, {"R": -123}),
+]
+BEARINGS_015: list[Case] = [
+    ("microphones", {"elevation_deg": 30.0}, {"EL": 10_923}),
+    ("in a plane", {}, {}),
+]
+FIRST_OBSERVATION = (1 << 24) - 1
+
+
+def plot_015(sent: Integers, row: int) -> bytes:
+    powers = of_bits(sent, RPS=8)
+    if "RPP" in sent:
+        powers = {"RPP": (0, twos(sent["RPP"], 9)), **powers}
+    observation = (FIRST_OBSERVATION + row) % (1 << 24)
+    return block_of(
+        Cat_015_1_2,
+        {
+            "010": SOURCE,
+            "000": (1, 0),
+            "020": ((sent["MOMU"], 3, 3, 0, None),),
+            "145": sent["TOA"],
+            "300": [(sent["CLS"], 100)] if "CLS" in sent else None,
+            "400": (("PID", 2), ("ON", observation)) if sent["MOMU"] == 1 else None,
+            "625": of_bits(sent, R=24, SDR=24),
+            "626": of_bits(sent, DV=24, SDDV=16),
+            "627": of_bits(sent, AZ=16, SDASZ=16),
+            "628": of_bits(sent, EL=16, SDEL=16),
+            "630": powers,
+        },
+    )
+
+
+DIRECTIONS: list[Case] = [
+    ("bearing alone", {}, {}),
+    ("everything", {"amplitude_dbm": -80.0, "snr": 100.0, "elevation_deg": 5.004},
+     {"LEVEL": 2699, "QUALITY": 128, "ELEVATION": 500}),
+    ("last bearing", {"azimuth_deg": 359.99}, {"BEARING": 35_999}),
+    ("quality saturates", {"snr": 1e9}, {"QUALITY": 255}),
+    ("no quality below 0 dB", {"snr": 0.1}, {"QUALITY": 0}),
+    ("below the horizon", {"elevation_deg": -0.01}, {"ELEVATION": -1}),
+    ("measured long before it is sent", {"t_utc_ns": 5 * 10**9}, {}),
+    ("rounding reaches north", {"azimuth_deg": 359.996}, {"BEARING": 0}),
+    ("last time of day", {"sent_ns": LAST_NS}, {"TOD": LAST}),
+    ("rounding reaches midnight", {"sent_ns": NEXT_NS}, {"TOD": 0}),
+]  # fmt: skip
+
+
+def direction_205(sent: Integers, row: int) -> bytes:
+    """A bearing from 40.45 N, 3.73 W."""
+    names = {"180": ("LEVEL", 16), "190": ("QUALITY", 8), "200": ("ELEVATION", 16)}
+    return block_of(
+        Cat_205_1_0,
+        {
+            "010": SOURCE,
+            "000": 5,
+            "030": sent["TOD"],
+            "040": (255 + row) % 256,
+            "050": (("LAT", 7_540_427), ("LON", twos(-695_322, 32))),
+            "070": sent["BEARING"],
+        }
+        | {item: twos(sent[n], bits) for item, (n, bits) in names.items() if n in sent},
+    )
+
+
+TRACKS: list[Case] = [
+    ("2-D", {}, {}),
+    ("everything", {"height_m": 762.0, "climb_m_s": -3.175, "age_s": 1.5, "sigma_east_m": 2.5,
+                    "sigma_north_m": 40_000.0},
+     {"ALTITUDE": 400, "RATE": -100, "AGE": 6, "SDX": 6, "SDY": 65_535}),
+    ("errors below an LSB", {"sigma_east_m": 0.0, "sigma_north_m": 0.49}, {"SDX": 1, "SDY": 2}),
+    ("begins, tentative", {"first": True, "tentative": True}, {"TSB": 1, "CNF": 1}),
+    ("ends, coasted", {"last": True, "coasted": True}, {"TSE": 1, "CST": 1}),
+    ("below the ellipsoid", {"height_m": -10.0}, {"ALTITUDE": -5}),
+    ("the south-west", {"latitude_deg": -33.0, "longitude_deg": -70.5, "east_m": -1.0,
+                        "north_m": -0.75}, {"LAT": -6_151_646, "LON": -13_142_153, "X": -2,
+                                            "Y": -2}),
+    ("rounding reaches midnight", {"t_utc_ns": NEXT_NS}, {"TOD": 0}),
+]  # fmt: skip
+A_TRACK = {
+    "t_utc_ns": MIDNIGHT_NS, "track": 4711, "latitude_deg": 40.0, "longitude_deg": 3.0,
+    "east_m": 100.0, "north_m": 200.0, "velocity_east_m_s": 10.0, "velocity_north_m_s": -10.0,
+}  # fmt: skip
+TRACK_SENT = {"TOD": 0, "LAT": 7_456_540, "LON": 559_241, "X": 200, "Y": 400, "VX": 40, "VY": -40}
+
+
+def track_062(sent: Integers, _row: int) -> bytes:
+    high, coasted = "ALTITUDE" in sent, sent.get("CST", 0)
+    begins, ends = sent.get("TSB", 0), sent.get("TSE", 0)
+    return block_of(
+        Cat_062_1_21,
+        {
+            "010": SOURCE,
+            "070": sent["TOD"],
+            "105": (("LAT", twos(sent["LAT"], 32)), ("LON", twos(sent["LON"], 32))),
+            "100": (("X", twos(sent["X"], 24)), ("Y", twos(sent["Y"], 24))),
+            "185": (("VX", twos(sent["VX"], 16)), ("VY", twos(sent["VY"], 16))),
+            "040": 4711,
+            "080": (
+                (1, 0, 1, 2 if high else 0, sent.get("CNF", 0), None),
+                (1, ends, begins, 0, 0, 0, 0, None),
+                (0, 0, 0, 0, 0, None),
+                (coasted, coasted, 0, 0, 0, 0, 0, None),
+            ),
+            "130": twos(sent["ALTITUDE"], 16) if high else None,
+            "220": twos(sent["RATE"], 16) if "RATE" in sent else None,
+            "290": {"PSR": sent["AGE"]} if "AGE" in sent else None,
+            "500": {"APC": (("X", sent["SDX"]), ("Y", sent["SDY"]))} if "SDX" in sent else None,
+        },
+    )
+
+
+def encoded_015(geometry: Geometry) -> Callable[[Given], list[bytes]]:
+    encoder = PlotEncoder015(*OURS, geometry=geometry, classes={"multirotor": 300})
+    return lambda columns: encoder.blocks(plots(**columns), FIRST_OBSERVATION)
+
+
+def encoded_205(columns: Given) -> list[bytes]:
+    measured = {name: column for name, column in columns.items() if name != "sent_ns"}
+    sent_ns = columns["sent_ns"][0] if len(columns["sent_ns"]) else 0
+    return BearingEncoder205(*OURS, **SITE).blocks(plots(**measured), sent_ns, 255)
 
 
 class Kind(NamedTuple):
     """Reports of one kind."""
 
-    encode: Callable[..., list[bytes]]  # Of columns by their names
-    layout: Category
-    always: str  # The items that every record has
-    told: Mapping[str, tuple[str, float]]  # Path and unit of each column that is told as it is
+    encode: Callable[[Given], list[bytes]]
+    expect: Callable[[Integers, int], bytes]  # Of the integers of a row
+    usual: tuple[Given, Integers]
+    cases: Sequence[Case]
 
 
-def unmanned(**columns: Any) -> list[bytes]:
-    """Reports of one aircraft, all of whose columns have the same length."""
-    n = max(np.size(column) for column in columns.values())
-    axes = [np.broadcast_to(columns.pop(name, 0.0), n) for name in ("east", "north", "up")]
-    usual = {"t_utc_ns": np.zeros(n, np.int64), "latitude_deg": np.zeros(n)}
-    usual |= {"longitude_deg": np.zeros(n), "velocity_m_s": np.stack(axes, axis=-1)}
-    return TargetEncoder129(country="ES").blocks(["SN"] * n, **usual | columns)
-
-
-ANGLES = {"azimuth_deg": ("I015/627/AZ", 1.0), "elevation_deg": ("I015/628/EL", 1.0)}
+PLOT: Given = {"t_utc_ns": MIDNIGHT_NS, "azimuth_deg": 90.0}
+NO_RANGE, AT_1_KM = {"range_m": np.nan}, {"range_m": 1000.0}
+SENT_015 = {"TOA": 0, "AZ": 16_384}
+PAIR = {"bistatic_range_m": 1000.0, "range_m": 600, "channel": 2}
 KINDS = {
     "048": Kind(
-        lambda **columns: PlotEncoder048(*OURS).blocks(plots(**columns)),
-        CAT048,
-        "010 020 040 140",
-        {
-            "range_m": ("I048/040/RHO", NM_M),
-            "azimuth_deg": ("I048/040/THETA", 1.0),
-            "run_length_deg": ("I048/130/PRL", 1.0),
-            "amplitude_dbm": ("I048/130/PAM", 1.0),
-            "height_m": ("I048/110", FOOT_M),
-            "range_rate_m_s": ("I048/120/CAL/CAL", 1.0),
-        },
+        lambda columns: PlotEncoder048(*OURS).blocks(plots(**columns)),
+        plot_048,
+        (PLOT | {"range_m": 18520.0}, {"TOD": 0, "RHO": 2560, "THETA": 16384}),
+        PLOTS_048,
     ),
     "015": Kind(
-        lambda **columns: PlotEncoder015(*OURS).blocks(plots(**columns)),
-        CAT015,
-        "000 010 020 145 625 627",
-        ANGLES
-        | {
-            "range_m": ("I015/625/R", 1.0),
-            "range_rate_m_s": ("I015/626/DV", 1.0),
-            "amplitude_dbm": ("I015/630/RPP", 1.0),
-        },
+        encoded_015(Geometry.MONOSTATIC),
+        plot_015,
+        (PLOT | AT_1_KM, SENT_015 | {"R": 10_000, "MOMU": 0}),
+        MONOSTATIC,
     ),
     "015 multistatic": Kind(
-        lambda **columns: PlotEncoder015(*OURS, geometry=Geometry.MULTISTATIC).blocks(
-            plots(**{"channel": 1 if np.size(next(iter(columns.values()))) else [], **columns})
-        ),
-        CAT015,
-        "000 010 020 145 400 627",
-        ANGLES | {"bistatic_range_m": ("I015/625/R", 1.0)},
+        encoded_015(Geometry.MULTISTATIC),
+        plot_015,
+        (PLOT | PAIR, SENT_015 | {"R": 10_000, "MOMU": 1}),
+        MULTISTATIC,
     ),
     "015 bearings": Kind(
-        lambda **columns: PlotEncoder015(*OURS, geometry=Geometry.OTHER).blocks(plots(**columns)),
-        CAT015,
-        "000 010 020 145 627",
-        ANGLES,
+        encoded_015(Geometry.OTHER), plot_015, (PLOT | NO_RANGE, SENT_015 | {"MOMU": 2}),
+        BEARINGS_015,
     ),
     "205": Kind(
-        lambda **columns: BearingEncoder205(*OURS, **SITE).blocks(plots(**columns), 0),
-        CAT205,
-        "000 010 030 040 050 070",
-        {"azimuth_deg": ("I205/070", 1.0), "elevation_deg": ("I205/200", 1.0)},
+        encoded_205,
+        direction_205,
+        ({"azimuth_deg": 90.0, "sent_ns": SECOND_NS}, {"BEARING": 9000, "TOD": 128}),
+        DIRECTIONS,
     ),
     "062": Kind(
-        lambda **columns: TrackEncoder062(*OURS).blocks(tracks(**columns)),
-        CAT062,
-        "010 040 070 080 100 105 185",
-        {
-            "east_m": ("I062/100/X", 1.0),
-            "north_m": ("I062/100/Y", 1.0),
-            "velocity_east_m_s": ("I062/185/VX", 1.0),
-            "velocity_north_m_s": ("I062/185/VY", 1.0),
-            "height_m": ("I062/130", FOOT_M),
-            "climb_m_s": ("I062/220", FOOT_M / 60),
-            "age_s": ("I062/290/PSR", 1.0),
-        },
+        lambda columns: TrackEncoder062(*OURS).blocks(tracks(**columns)),
+        track_062,
+        (A_TRACK, TRACK_SENT),
+        TRACKS,
     ),
-    "129": Kind(
-        unmanned,
-        CAT129,
-        "010 040 050 070 080 185 220",
-        {
-            "altitude_m": ("I129/090", 1.0),
-            "height_m": ("I129/100", 1.0),
-            "east": ("I129/185/VX", 1.0),
-            "north": ("I129/185/VY", 1.0),
-            "up": ("I129/220", 1.0),
-        },
-    ),
-}
+}  # fmt: skip
+
+
 EVERY_KIND = pytest.mark.parametrize("name", KINDS)
-EVERY_COLUMN = [(name, column) for name, kind in KINDS.items() for column in kind.told]
+EVERY_CASE = pytest.mark.parametrize(
+    ("name", "case"),
+    [(name, case) for name, kind in KINDS.items() for case in kind.cases],
+    ids=lambda of: of if isinstance(of, str) else of[0],
+)
 
 
-@cache
-def part_of(number: int, path: str) -> Quantity:
-    (part,) = (slot.part for slot in numeric_slots(CATEGORIES[number]) if slot.path == path)
-    assert isinstance(part, Quantity)
-    return part
-
-
-def one(name: str, **columns: Any) -> Record:
-    """One report there and back."""
-    (block,) = KINDS[name].encode(**columns)
-    (record,) = decode(block)
-    return record
-
-
-@pytest.mark.parametrize(("name", "column"), EVERY_COLUMN)
-@given(share=st.floats(-1.2, 1.2) | st.sampled_from([-1.0, 0.0, 1.0, 0.9999999]))
-def test_what_is_measured_comes_back_to_half_a_step_or_saturates(
-    name: str, column: str, share: float
-) -> None:
+def assert_libasterix_makes_the_same(name: str, *cases: Case) -> None:
+    """Of rows of all that these cases have in place of the usual."""
     kind = KINDS[name]
-    path, unit = kind.told[column]
-    part = part_of(kind.layout.number, path)
-    step, (low, high) = part.lsb * unit, part.limits
-    value = share * high * step
-    back = one(name, **{column: value}).get(path)
-    assert isinstance(back, float)
-    if part.overflow is Overflow.WRAP:
-        turn = (part.modulus or 1 << part.bits) * part.lsb
-        assert 0 <= back < turn
-        error = math.remainder(back - value, turn)
-    else:
-        error = back * unit - min(max(value, low * step), high * step)
-    assert abs(error) <= step / 2 * (1 + 1e-6)
+    columns, sent = kind.usual
+    for _, given_in_its_place, sent_in_its_place in cases:
+        columns, sent = columns | given_in_its_place, sent | sent_in_its_place
+    blocks = kind.encode({column: [value] * ROWS for column, value in columns.items()})
+    expected = [kind.expect(sent, row) for row in range(ROWS)]
+    assert all(int.from_bytes(block[1:3], "big") == len(block) for block in blocks)
+    assert b"".join(block[3:] for block in blocks) == b"".join(each[3:] for each in expected)
+    assert {block[0] for block in blocks} == {each[0] for each in expected}
+    assert len(blocks) == (ROWS if name == "205" else 1)
 
 
-@EVERY_KIND
-@given(t_utc_ns=st.integers(0, 2**62))
-@example(t_utc_ns=DAY_NS - 3_906_251)
-@example(t_utc_ns=DAY_NS - 3_906_250)
-def test_times_come_back_within_the_day(name: str, t_utc_ns: int) -> None:
-    if name == "205":  # whose time is that of sending
-        (block,) = BearingEncoder205(*OURS, **SITE).blocks(plots(azimuth_deg=0.0), t_utc_ns)
-    else:
-        (block,) = KINDS[name].encode(t_utc_ns=np.array([t_utc_ns]))
-    (record,) = decode(block)
-    items = {"I048/140", "I015/145", "I062/070", "I129/070", "I205/030"}
-    (back,) = (record.items[item] for item in items & set(record.items))
-    assert isinstance(back, float)
-    assert 0 <= back < 86_400
-    assert abs(math.remainder(back - t_utc_ns % DAY_NS / 1e9, 86_400)) <= 0.5 / 128 + 1e-9
+@EVERY_CASE
+def test_records_are_those_of_libasterix(name: str, case: Case) -> None:
+    assert_libasterix_makes_the_same(name, case)
 
 
 @EVERY_KIND
 @given(data=st.data())
-def test_what_is_not_measured_is_not_sent(name: str, data: st.DataObject) -> None:
+def test_items_do_not_depend_on_each_other(name: str, data: st.DataObject) -> None:
+    some = st.lists(st.sampled_from(KINDS[name].cases), max_size=4)
+    assert_libasterix_makes_the_same(name, *data.draw(some))
+
+
+@EVERY_KIND
+def test_what_is_measured_now_and_then_is_refused(name: str) -> None:
     kind = KINDS[name]
-    chosen = data.draw(st.sets(st.sampled_from(sorted(kind.told)), min_size=1))
-    record = one(name, **dict.fromkeys(chosen, 1.0))
-    assert {item[5:] for item in record.items} == {
-        *kind.always.split(),
-        *(kind.told[column][0].split("/")[1] for column in chosen),
-    }
-    if name == "048":
-        told = {kind.told[column][0] for column in chosen}
-        for path in ("I048/130/PRL", "I048/130/PAM"):
-            assert (record.get(path) is not None) == (path in told)
-
-
-@pytest.mark.parametrize(
-    ("name", "column"),
-    [
-        *EVERY_COLUMN,
-        *(("015", f"sigma_{of}") for of in
-          ("range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s")),
-        *(("015", "snr"), ("205", "snr"), ("205", "amplitude_dbm")),
-        *(("062", "sigma_east_m"), ("062", "sigma_north_m"), ("062", "longitude_deg")),
-    ],
-)  # fmt: skip
-def test_what_is_measured_now_and_then_is_refused(name: str, column: str) -> None:
-    both = {"sigma_east_m": 1.0, "sigma_north_m": 1.0} if name == "062" else {}
-    of = {column.removeprefix("sigma_"): 1.0} if name == "015" else {}
-    for rows in ([1.0, math.nan], [math.nan, 1.0], [1.0] * 90 + [math.nan]):
-        with pytest.raises(EncodeError):
-            KINDS[name].encode(**both | of | {column: np.array(rows)})
+    columns = kind.usual[0].copy()
+    for _, given_in_its_place, _ in kind.cases:
+        columns |= given_in_its_place
+    for column, value in columns.items():
+        if not isinstance(value, float) or math.isnan(value):
+            continue  # no measurement, or one that is not sent
+        for rows in ([value, math.nan], [math.nan, value], [value] * 90 + [math.nan]):
+            others = {name: [each] * len(rows) for name, each in columns.items()}
+            with pytest.raises(EncodeError):
+                kind.encode(others | {column: rows})
 
 
 @EVERY_KIND
 def test_no_rows_make_no_blocks(name: str) -> None:
-    column = next(iter(KINDS[name].told))
-    assert KINDS[name].encode(**{column: np.empty(0)}) == []
+    kind = KINDS[name]
+    assert kind.encode({column: np.empty(0) for column in kind.usual[0]}) == []
+
+
+# Where the radar stands, south and west and below the ellipsoid, and what is sent of it.
+PLACE = [-34.5, -58.25, -12.4]
+SENT_PLACE = [("HGT", -12, 16), ("LAT", -1_607_817, 24), ("LON", -2_714_647, 24)]
+PERIOD_S = 4.9453125  # 633 / 128
+
+
+# Time, sector azimuth (None: north marker), and what is sent: time of day, sector.
+@pytest.mark.parametrize(
+    ("t_utc_ns", "azimuth_deg", "time_of_day", "sector"),
+    [
+        (SECOND_NS, None, 128, None),
+        (MIDNIGHT_NS - 7_812_500, None, LAST, None),
+        (MIDNIGHT_NS - 1, None, 0, None),
+        (SECOND_NS, 11.25, 128, 8),
+        (SECOND_NS, 0.0, 128, 0),
+        (SECOND_NS, 360.0, 128, 0),
+        (SECOND_NS, 358.59375, 128, 255),
+        (SECOND_NS, 359.5, 128, 0),  # rounding wraps
+    ],
+)
+def test_service_messages_in_034(
+    t_utc_ns: int, azimuth_deg: float | None, time_of_day: int, sector: int | None
+) -> None:
+    place = tuple((name, twos(value, bits)) for name, value, bits in SENT_PLACE)
+    items: Given = {"010": SOURCE, "030": time_of_day}
+    if azimuth_deg is None:
+        encoder = north_markers(*OURS, antenna_period_s=PERIOD_S, place=PLACE)
+        found = encoder.one_each([t_utc_ns], FIRST)
+        items |= {"000": 1, "041": 633, "120": place}
+    else:
+        azimuths = {"I034/020": [azimuth_deg]}
+        found = sector_crossings(*OURS).one_each([t_utc_ns], FIRST, azimuths)
+        items |= {"000": 2, "020": sector}
+    assert found == [block_of(Cat_034_1_29, items)]
+
+
+def test_systems_in_016() -> None:
+    """Of a passive radar with two transmitters."""
+    receiver = (0.0, -180.0, 0.0)
+    encoder = SystemEncoder016(
+        [25],
+        [3],
+        transmitters=[[(40.0, -3.0, 700.1), (-40.0, 180.0, -9000.0)]],
+        receivers=[receiver],
+        reference=receiver,
+        period_s=10,
+        geoid_undulation_m=52.0,
+    )
+    half_turn, common = 1 << 31, {"010": SOURCE, "140": 128}
+    north, south, west = 477_218_588, twos(-477_218_588, 32), twos(-35_791_394, 32)
+    (both,) = encoder.blocks([SECOND_NS], FIRST)
+    assert both == [
+        block_of(Cat_016_1_0, common | items)
+        for items in (
+            {
+                "000": 1,
+                "200": 10,
+                "300": [(0, 0, 0), (1, 1, 0)],
+                "400": (("LAT", 0), ("LON", half_turn)),
+                "405": twos(-208, 16),
+            },
+            {
+                "000": 2,
+                "410": [
+                    (0, north, west, 2800, 0, 0, 0, 0),
+                    (1, south, half_turn, twos(-32_768, 16), 0, 0, 0, 0),
+                ],
+                "420": [(0, 0, half_turn, 0)],
+            },
+        )
+    ]
+
+
+def test_status_in_025_and_063() -> None:
+    once = np.array([SECOND_NS]), FIRST
+    system = status_025(*OURS, (*SITE.values(), 652.0), geoid_undulation_m=52.0)
+    status = {
+        "010": SOURCE,
+        "000": (1, 0),
+        "070": 128,
+        "100": ((0, 0, 0, None), (0, 0, 0, None)),
+        "600": (("LAT", 965_174_595), ("LON", twos(-44_500_633, 32))),
+        "610": 2400,
+    }
+    assert system.one_each(*once) == [block_of(Cat_025_1_6, status)]
+    works = {"010": SOURCE, "030": 128, "050": SOURCE, "060": ((0, 0, 0, 0, 0, 0, None),)}
+    assert status_063(*OURS).one_each(*once) == [block_of(Cat_063_1_7, works)]
+
+
+def one(name: str, **columns: Any) -> Record:
+    """One report there and back, of what is usual but for those columns."""
+    given_to_it = KINDS[name].usual[0] | columns
+    (block,) = KINDS[name].encode({column: [value] for column, value in given_to_it.items()})
+    (record,) = decode(block)
+    return record
 
 
 MAST = (40.45, -3.73, 700.0)
@@ -267,7 +505,6 @@ def status_at(
         (lambda: system(receivers=[(0.0, 0.0, math.nan)]), "I016/420"),
         (lambda: system(reference=(0.0, math.inf, 0.0)), "I016/400"),
         (lambda: system(transmitters=[[MAST] * 70]), "max_octets"),  # more than a datagram holds
-        (lambda: TargetEncoder129(country="ESP"), "I129/050"),
         (lambda: one("015", sigma_elevation_deg=1.0), "I015/628/SDEL: a standard deviation of"),
         (lambda: one("062", latitude_deg=91.0), "I062/105"),
         (lambda: one("062", track=65_536), "I062/040"),
@@ -275,11 +512,6 @@ def status_at(
         *((lambda snr=snr: one("015", snr=snr), "I015/630/RPS") for snr in (0.0, -1.0, math.inf)),
         (lambda: MICROPHONES.blocks(plots(kind="jet")), "I015/300/0/CLS: no class for kind 'jet'"),
         (lambda: MICROPHONES.blocks(plots(kind="bird")), "I015/300/0/CLS"),
-        *((lambda c=c: unmanned(altitude_m=1.0, **{c: [181.0]}), "I129/080")
-          for c in ("latitude_deg", "longitude_deg")),
-        (lambda: unmanned(t_utc_ns=np.array([1.5])), "I129/070"),
-        *((lambda s=s: TargetEncoder129(country="ES").blocks([s], [1], [1.0], [1.0]), "I129/040")
-          for s in ("1234567890123", "naïve", "a\nb")),
     ],
 )  # fmt: skip
 def test_what_cannot_be_sent_is_refused(encode: Callable[[], object], said: str) -> None:

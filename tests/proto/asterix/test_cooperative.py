@@ -5,59 +5,73 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
+from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.decode_cooperative import read_021, read_129
-from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.errors import DecodeError, EncodeError
+from plotfeed.proto.utc import NS
 
-NOON_NS = 1_700_006_400 * 10**9 + 43_200 * 10**9
+DAY_NS = 86_400 * NS
+NOON_NS = 1_700_006_400 * NS + DAY_NS // 2
 SN = "1581F45T2201"
-# Category 129 is worked out by hand, for want of another encoder.
-BY_HAND = {
-    "plain": bytes.fromhex(
-        "81 0020"  # category, 32 octets
-        "8f 80"  # items 1, 5, 6, 7; 8
-        "0000"
-        "313538314634355432323031"
-        "4553"
-        "546000"  # 43200 * 128 = 5529600
-        "0e666666 ff555555"
-    ),
-    "everything": bytes.fromhex(
-        "81 0037"  # 55 octets
-        "bf f3 80"  # items 1, 3 to 7; 8 to 11 and 14; 15
-        "1903"
-        "444a49"
-        "4d3454"
-        "313538314634355432323031"
-        "4553"
-        "546000"
-        "0e666666 ff555555"
-        "001a0b"  # 666.7 m
-        "fffff6"  # -1.0 m
-        "000c"  # 12 m
-        "003e8ffc18"  # 10 and -10 m/s
-        "0fff9c"  # -1 m/s
-    ),
-}
-LATITUDE, LONGITUDE = 0x0E666666 * 180 / 2**30, -0xAAAAAB * 180 / 2**30
+# Category 129 is worked out by hand, for want of another encoder. Its plainest record has items 1,
+# 5, 6 and 7, and 8: source, serial number, country, 43200 s * 128 = 5529600, and the place.
+PLACE = "0e666666 ff555555"  # 241591910 and -11184811 in 180/2^30 deg
+PLAIN = bytes.fromhex(f"81 0020 8f80 0000 313538314634355432323031 4553 546000 {PLACE}")
+NUMBERS = (
+    "001a0b"  # 6667: 666.7 m
+    "fffff6"  # -10: -1.0 m
+    "000c"  # 12 m
+)
+VELOCITY = "003e8ffc18 0fff9c"  # 1000, -1000 and -100: 10, -10 and -1 m/s
+# Items 1, 5 to 7; 8 to 11 and 14; 15.
+SENT = bytes.fromhex(f"81 0031 8ff380 1903 {PLAIN[7:24].hex()} {PLACE} {NUMBERS} {VELOCITY}")
+EVERYTHING = bytes.fromhex(
+    "81 003c ff fb 80"  # items 1 to 7; 8 to 12 and 14; 15
+    "0000"  # source 0/0
+    "0a0b"  # destination 10/11
+    "444a49 4d3454"  # DJI, M4T
+    f"{PLAIN[7:24].hex()} {PLACE} {NUMBERS}"
+    f"9f0000 {VELOCITY}"  # 10 01 1111
+)
+LATITUDE, LONGITUDE = 241_591_910 * 180 / 2**30, -11_184_811 * 180 / 2**30
 HERE: dict[str, Any] = {
     "serials": [SN], "t_utc_ns": [NOON_NS], "latitude_deg": [LATITUDE], "longitude_deg": [LONGITUDE]
 }  # fmt: skip
+MORE: dict[str, Any] = {
+    "altitude_m": [666.7], "height_m": [-1.0], "accuracy_m": [12.0], "velocity_m_s": [[10, -10, -1]]
+}  # fmt: skip
 
 
-def test_reports_of_129_are_written_and_read_as_worked_by_hand() -> None:
-    assert TargetEncoder129(country="ES").blocks(**HERE) == [BY_HAND["plain"]]
-    numbers = (666.7, -1.0, 12.0, 10.0, -10.0, -1.0)
-    altitude_m, height_m, accuracy_m, *velocity_m_s = numbers
-    more = {"altitude_m": altitude_m, "height_m": height_m, "accuracy_m": accuracy_m}
-    sent = TargetEncoder129(25, 3, country="ES").blocks(**HERE, **more, velocity_m_s=[velocity_m_s])
-    without_names = bytes.fromhex("810031 8ff380 1903") + BY_HAND["everything"][14:]
-    assert sent == [without_names]
-    plain, everything = read_129(BY_HAND["plain"] + BY_HAND["everything"])
+def test_reports_of_129_are_written_as_worked_by_hand() -> None:
+    assert TargetEncoder129(country="ES").blocks(**HERE) == [PLAIN]
+    assert TargetEncoder129(25, 3, country="ES").blocks(**HERE, **MORE) == [SENT]
+
+
+def test_reports_of_129_are_read_as_worked_by_hand() -> None:
+    (record,) = decode(EVERYTHING)
+    assert record.items == {
+        "I129/010": {"SAC": 0, "SIC": 0},
+        "I129/015": {"DAC": 10, "DIC": 11},
+        "I129/020": "DJI",
+        "I129/030": "M4T",
+        "I129/040": SN,
+        "I129/050": "ES",
+        "I129/070": 43_200.0,
+        "I129/080": {"LAT": LATITUDE, "LON": LONGITUDE},
+        "I129/090": pytest.approx(666.7),
+        "I129/100": pytest.approx(-1.0),
+        "I129/110": 12.0,
+        "I129/120": {"UCC": 2, "ARC": 1, "AEC": 15},
+        "I129/185": {"VX": pytest.approx(10.0), "VY": pytest.approx(-10.0)},
+        "I129/220": pytest.approx(-1.0),
+    }
+    plain, everything = read_129(PLAIN + EVERYTHING)
     assert (plain.identity, plain.country, plain.t_of_day_s) == (SN, "ES", 43_200.0)
     assert (plain.latitude_deg, plain.longitude_deg) == (LATITUDE, LONGITUDE)
     assert math.isnan(plain.altitude_m)
@@ -65,7 +79,55 @@ def test_reports_of_129_are_written_and_read_as_worked_by_hand() -> None:
     assert (everything.manufacturer, everything.model) == ("DJI", "M4T")
     names = ("altitude_m", "height_m", "accuracy_m", "velocity_east_m_s", "velocity_north_m_s")
     told = [getattr(everything, name) for name in (*names, "climb_m_s")]
-    assert told == pytest.approx(numbers)
+    assert told == pytest.approx((666.7, -1.0, 12.0, 10.0, -10.0, -1.0))
+
+
+ITEMS = {"altitude_m": {"090"}, "height_m": {"100"}, "accuracy_m": {"110"},
+         "velocity_m_s": {"185", "220"}}  # fmt: skip
+
+
+@given(st.sets(st.sampled_from(sorted(MORE))))
+def test_what_is_not_measured_is_not_sent(chosen: set[str]) -> None:
+    (block,) = TargetEncoder129(country="ES").blocks(
+        **HERE, **{name: MORE[name] for name in chosen}
+    )
+    (record,) = decode(block)
+    always = {"010", "040", "050", "070", "080"}
+    assert {item[5:] for item in record.items} == always.union(*(ITEMS[name] for name in chosen))
+
+
+@pytest.mark.parametrize(("before_midnight_ns", "sent"), [(3_906_251, -1), (3_906_250, 0)])
+def test_times_are_rounded_within_the_day(before_midnight_ns: int, sent: int) -> None:
+    midnight_ns = NOON_NS + DAY_NS // 2
+    (block,) = TargetEncoder129(country="ES").blocks(
+        **HERE | {"t_utc_ns": [midnight_ns - before_midnight_ns]}
+    )
+    assert decode(block)[0].get("I129/070") == (sent % (86_400 * 128)) / 128
+
+
+REFUSED = [
+    ({"serials": ["1234567890123"]}, "I129/040"),
+    ({"serials": ["naïve"]}, "I129/040"),
+    ({"serials": ["a\nb"]}, "I129/040"),
+    ({"latitude_deg": [181.0]}, "I129/080"),
+    ({"longitude_deg": [181.0]}, "I129/080"),
+    ({"t_utc_ns": np.array([1.5])}, "I129/070"),
+    *(({name: [MORE[name][0], np.multiply(MORE[name][0], math.nan)]}, "I129/") for name in MORE),
+]
+
+
+@pytest.mark.parametrize(("columns", "said"), REFUSED)
+def test_what_cannot_be_sent_in_129_is_refused(columns: dict[str, Any], said: str) -> None:
+    n = max(map(len, columns.values()))
+    with pytest.raises(EncodeError, match=said):
+        TargetEncoder129(country="ES").blocks(
+            **{name: [*column] * n for name, column in HERE.items()} | columns
+        )
+
+
+def test_a_country_has_two_letters() -> None:
+    with pytest.raises(EncodeError, match="I129/050"):
+        TargetEncoder129(country="ESP")
 
 
 @pytest.mark.parametrize(
@@ -86,9 +148,9 @@ def test_accuracies_are_rounded_up_and_beyond_255_m_unknown(
         # Without a serial number the rest of the name is the identity.
         ("81 0018 b780 0000 444a49 4d3454 4553 546000 00000000 00000000", ("ES-DJI-M4T", 43_200)),
         ("81 0012 8380 0000 a8c000 00000000 00000000", ("", 0)),  # a whole day is midnight
-        (BY_HAND["plain"].replace(SN.encode(), b"\x1b[2J\xff1234567").hex(),
+        (PLAIN.replace(SN.encode(), b"\x1b[2J\xff1234567").hex(),
          ("1b5b324aff31323334353637", 43_200)),  # what is no text is hexadecimal
-        (BY_HAND["plain"].replace(SN.encode(), b"SN1".ljust(12, b"\0")).hex(), ("SN1", 43_200)),
+        (PLAIN.replace(SN.encode(), b"SN1".ljust(12, b"\0")).hex(), ("SN1", 43_200)),
     ],
 )  # fmt: skip
 def test_names_and_times_are_read_as_senders_write_them(
