@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from scipy import stats
-from support.significance import assert_law, assert_sum
+from support.significance import assert_sum
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -58,47 +57,13 @@ def test_latency_delays_all_and_changes_nothing_else() -> None:
     assert {s.sent_utc_ns - s.due_utc_ns for s in sent(clear())} == {0}
 
 
-@pytest.mark.parametrize(
-    ("law", "cdf"),
-    [
-        ({"jitter_ms": 10.0}, stats.norm(100, 10).cdf),
-        ({"jitter_ms": 40.0, "distribution": "uniform"}, stats.uniform(60, 80).cdf),
-    ],
-)
-def test_delays_that_are_delivered_follow_the_law_that_is_asked(law: Any, cdf: Any) -> None:
-    road = flight({"latency_ms": 100.0, **law})
-    delay_ms = np.array([(s.sent_utc_ns - s.due_utc_ns) / MS for s in sent(road)])
-    assert len(delay_ms) > 3900
-    assert_law(delay_ms, cdf)
-    assert sorted(told(road)) == sorted(told(clear()))
-
-
-def test_what_a_link_loses_is_asked_told_and_not_published() -> None:
-    road = flight({"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}})
-    entries = sent(road)
-    lost = np.array([s.fate == pb.LOST for s in sorted(entries, key=lambda s: s.number)])
-    n = len(lost)
-    assert n == len(told(clear()))
-    # The variance of a two-state chain's mean, with lag-one correlation 1 - p - r.
-    p, r = 0.1 / (4.0 * 0.9), 1 / 4.0
-    correlation = 1 - p - r
-    variance = n * 0.1 * 0.9 * (1 + correlation) / (1 - correlation)
-    assert_sum(float(lost.sum()), 0.1 * n, variance, "lost")
-    assert len(told(road)) == n - lost.sum()
-
-
-def test_the_ledger_tells_of_every_message_once() -> None:
-    road = flight(
-        {
-            "latency_ms": 50.0,
-            "jitter_ms": 20.0,
-            "duplicate": 0.1,
-            "loss": {"kind": "random", "probability": 0.1},
-        }
-    )
-    entries = sent(road)
-    first = sorted(s.number for s in entries if not s.copy)
-    assert first == list(range(len(told(clear()))))
+def test_the_ledger_tells_of_every_message_once_and_what_is_lost_is_not_published() -> None:
+    loss = {"kind": "random", "probability": 0.1}
+    road = flight({"latency_ms": 50.0, "jitter_ms": 20.0, "duplicate": 0.1, "loss": loss})
+    entries, n = sent(road), len(told(clear()))
+    assert sorted(s.number for s in entries if not s.copy) == list(range(n))
+    lost = sum(s.fate == pb.LOST for s in entries if not s.copy)
+    assert_sum(lost, 0.1 * n, 0.09 * n, "lost")
     left = sum(s.fate == pb.SENT for s in entries)
     assert left == len(told(road))
     assert 0 < sum(s.copy for s in entries) < left / 5
