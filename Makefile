@@ -50,12 +50,18 @@ environments: .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready $(TOOLS)
 test-lowest: .venv-lowest/.ready
 	CI= .venv-lowest/bin/python -m pytest -p no:cacheprovider $(if $(ARGS),$(ARGS),$(LOWEST))
 
+PROTOC = $(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto \
+  plotfeed/proto/plotfeed.proto plotfeed/proto/ledger.proto
+
 lint: .venv/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	PYTHONPATH=.typing $(BIN)/lint-imports
-	$(BIN)/python tests/support/stale_proto.py
+	@made=$$(mktemp --directory) && $(PROTOC) --python_out=$$made --pyi_out=$$made && \
+	  for each in $$made/plotfeed/proto/*; do \
+	    cmp $$each proto/$${each##*/} || { echo "proto/ is out of date: run 'make proto'"; exit 1; }; done; \
+	  code=$$?; rm -r $$made; exit $$code
 
 # What in the code looks unsafe, and which packages have known holes.
 audit: .venv-audit/.ready
@@ -99,7 +105,7 @@ $(APART): .venv-%/.ready: requirements/%.txt .venv/.ready
 	touch $@
 
 proto: .venv/.ready-test
-	$(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto --python_out=.typing --pyi_out=.typing plotfeed/proto/plotfeed.proto plotfeed/proto/ledger.proto
+	$(PROTOC) --python_out=.typing --pyi_out=.typing
 
 # Half an hour; nothing depends on the figures.
 bench: .venv/.ready-test

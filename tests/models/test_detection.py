@@ -14,10 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 from scipy.special import exp1, gammainc, gammaincc, gammainccinv, gammaincinv, pdtr
-from support import mimo_equations
-from support.effect_values import values_of
-from support.fluctuating_echoes import joint_hit_gauss_markov
-from support.given_files import reference
+from support.given_files import reference, values_of
+from support.radar_equations import joint_hit_gauss_markov, unequal_pd
 from support.significance import assert_chance, assert_sum
 
 from plotfeed.feeds.lab import oracle
@@ -288,7 +286,7 @@ def test_unequal_looks_agree_with_rational_arithmetic(snrs_db, n, pfa):
     snrs = np.unique(linear(sorted(snrs_db)))
     n_samples = n * len(snrs)
     over = float(detection.threshold_noncoherent_cfar(pfa, len(snrs), n_samples))
-    exact = mimo_equations.pd(snrs, over, n_samples)
+    exact = unequal_pd(snrs, over, n_samples)
     of_oracle = oracle.of_unequal(1 + snrs[None], over, n_samples)
     np.testing.assert_allclose(of_oracle, exact, rtol=1e-12)
     both = detection.pd_noncoherent_unequal_cfar([snrs, snrs[::-1]], pfa, n_samples)

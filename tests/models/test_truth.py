@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.held_sizes import held
-from support.one_sample import add_sample
+from support.targets import add_sample
 
 from plotfeed.models.beam import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws

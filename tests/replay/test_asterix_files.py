@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_input import flags_of
+from support.asterix_readers import tshark_fields
 from support.given_recordings import EVERY_FRAME, EVERY_FRAME_048
 from support.recordings import MS, START_NS, block, block_048, message, plots, read, turned, written
-from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode

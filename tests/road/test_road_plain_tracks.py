@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.seen_sectors import scene_of, seen
+from support.every_kind import scene_of, seen
 
 from plotfeed.feeds.formats import SceneFormats
 from plotfeed.feeds.scene.sensors.sensor_keys import TracksKeys

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.one_sample import add_sample
 from support.significance import Array, assert_standard_normal
 from support.station import Station
+from support.targets import add_sample
 
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
 from plotfeed.models.state import Signature

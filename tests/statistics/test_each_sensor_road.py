@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 from scipy.special import gammaincc, gammainccinv, ndtr
-from support import mimo_equations
 from support.every_kind import EMITTER, FAR_SENSORS, MICROPHONES, MIMO, PASSIVE, RADAR, RF
 from support.every_kind import SENSORS as OF_ERRORS
 from support.every_kind import drones as of_errors
@@ -25,6 +24,8 @@ from support.radar_equations import (
     detected_power_cdf,
     detected_power_density,
     mean_snr,
+    mimo_snrs,
+    raw_detections,
     sigma_range_m,
 )
 from support.significance import (
@@ -330,10 +331,10 @@ def test_powers_of_several_transmitters_are_those_of_the_raw_detector() -> None:
     }  # fmt: skip
     flown = [held(f"d{i:03}", 40.0, 4.0, 4000.0, rcs_m2=0.02) for i in range(20)]
     plots = fly(scene([sensor], flown, seed=72), 26).plots()
-    snrs = mimo_equations.signal_snrs(sensor, aer_to_enu(40.0, 4.0, 4000.0), 0.02)
+    snrs = mimo_snrs(sensor, aer_to_enu(40.0, 4.0, 4000.0), 0.02)
     rng = np.random.default_rng(72)
     for mine, ratios in ((plots.drone != "", snrs), (plots.drone == "", 0 * snrs)):
-        power, _ = mimo_equations.raw_detections(ratios, 1e-3, 8, 400_000, rng)
+        power, _ = raw_detections(ratios, 1e-3, 8, 400_000, rng)
         seen = 10 ** (plots.snr_db[mine] / 10)
         assert len(seen) > 500
         assert_chance(float(stats.ks_2samp(seen, power / len(ratios)).pvalue))

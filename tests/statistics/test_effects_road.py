@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.every_kind import FAR_SENSORS, RADAR, SENSORS, drones
-from support.fluctuating_echoes import joint_hit_gauss_markov
 from support.hills import footprint, write_buildings, write_ridge
-from support.radar_equations import LIGHT_M_S, mean_snr, pd
+from support.radar_equations import LIGHT_M_S, joint_hit_gauss_markov, mean_snr, pd
 from support.significance import (
     Array,
     assert_chance,

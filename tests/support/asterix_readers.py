@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from support.tools import ROOT, skip
+from support.tools import ROOT, needed, skip
 
 # Its errors are silent: a record that it cannot read is one without items.
 _DECODER = """
@@ -112,3 +112,25 @@ def _block_of(raw: Any) -> TheirBlock:
     made = [type(r).create(each) for r, each in zip(records, items, strict=True)]
     texts = [{name: i.unparse().to_bytes().hex() for name, i in each.items()} for each in items]
     return TheirBlock(category, edition.create(made).unparse().to_bytes(), texts)
+
+
+def tshark_fields(path: Path, *fields: str) -> list[list[str]]:
+    """The fields of each packet, those that occur more than once joined by commas."""
+    wanted = [word for field in fields for word in ("-e", field)]
+    checks = [word for kind in ("udp", "ip") for word in ("-o", f"{kind}.check_checksum:TRUE")]
+    done = subprocess.run(
+        [needed("tshark"), "-n", "-r", str(path), *checks, "-T", "fields", *wanted],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    return [line.split("\t") for line in done.stdout.splitlines()]
+
+
+def tshark_layers(path: Path) -> list[tuple[str, Any]]:
+    """Every layer of every packet: its name, and the names and values of its tree, as pairs."""
+    command = [needed("tshark"), "-n", "-r", str(path), "-T", "json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    packets = json.loads(done.stdout, object_pairs_hook=list)
+    return [layer for packet in packets for layer in dict(dict(packet)["_source"])["layers"]]

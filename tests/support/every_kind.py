@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from plotfeed.testing import held, radar, rotating, staring, waypoint
+import numpy as np
+
+from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.formats import Batch
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, held, radar, rotating, scene, staring, waypoint
 
 RANGES_M = (1000.0, 4000.0)
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
@@ -94,3 +100,38 @@ def drones(kind: str) -> list[dict[str, Any]]:
         for ring, range_m in enumerate(RANGES_M)
         for i in range(20)
     ]
+
+
+KINDS: dict[str, dict[str, Any]] = {
+    "rotating": radar(scan=rotating(1.0, 32)),
+    "staring": radar(pfa=1e-10),
+    "passive": PASSIVE,
+    "gate": GATE,
+    "rf": RF | {"azimuth_floor_deg": 2.0},
+}
+
+
+def scene_of(
+    kind: str, count: int, report: list[str], *, drones: int = 40, seed: int = 1, **more: Any
+) -> Scene:
+    """A scene of so many sensors of a kind, each with a SAC, SIC and place of its own.
+
+    They see so many drones all around; `more` are other tables.
+    """
+    sensors = [
+        KINDS[kind]
+        | {"id": f"{kind}-{i}", "report": report, "sac": i % 256, "sic": i * 7 % 256}
+        | {"position_enu_m": [10.0 * i, -5.0 * i, 0.1 * i]}
+        for i in range(count)
+    ]
+    rng = np.random.default_rng(seed)
+    loud = {"rcs_m2": 1.0, "emitters": [EMITTER]}
+    places = rng.uniform((0, 5, 800), (360, 30, 3000), (drones, 3)).tolist()
+    flying = [held(f"d{i}", *place, **loud) for i, place in enumerate(places)]
+    return scene(sensors, flying, seed=seed, **more)
+
+
+def seen(made: Scene, scans: int = 2) -> Batch:
+    """All sectors of so many seconds, those of each sensor after each other."""
+    engine = Engine(made, START_NS)
+    return Batch.joined(list(engine.until(START_NS + scans * NS, messages=False)))

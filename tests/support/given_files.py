@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,3 +55,14 @@ def reference(name: str) -> dict[str, NDArray[np.float64]]:
         except ValueError:
             continue
     return columns
+
+
+def values_of(name: str) -> list[tuple[dict[str, str], float]]:
+    """Arguments and the value of each row of that name; one at least."""
+    found = [
+        (dict(re.findall(r"(\w+)=([^;]+)", row["args"])), float(row["value"]))
+        for row in reference_rows("effects.csv")
+        if row["name"] == name
+    ]
+    assert found, f"no reference value of {name}"
+    return found

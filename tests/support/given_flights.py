@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from support.given_files import more_input, places
+from support import given_files
 from support.significance import Array
 
 from plotfeed.feeds.scene.scene import Scene, from_tree
-from plotfeed.feeds.telemetry.flights import read, smoothed
-from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
+from plotfeed.feeds.telemetry.flights import BY_SUFFIX, read, smoothed
+from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.utc import NS
@@ -34,7 +35,7 @@ class GivenFlight:
 
     @property
     def log(self) -> Path:
-        (path,) = places(f"flights/{self.file}")
+        (path,) = given_files.places(f"flights/{self.file}")
         return path
 
     @cached_property
@@ -105,10 +106,35 @@ FLIGHTS = [
     GivenFlight("eight.csv", 52.0, {"geoid_undulation_m": 52.0}, SEA),
     GivenFlight("eight.bin", 52.0, {"geoid_undulation_m": 52.0}),
 ]
-if more_input():
+if given_files.more_input():
     FLIGHTS += [
         GivenFlight("matrice_300.srt", 62.0, {"takeoff_height_m": 62.0}, step_m=11.0),
         GivenFlight("UAV_Rot.csv", 57.0, {"geoid_undulation_m": 57.0}, SEA),
         GivenFlight("log171.bin", 19.0, {"geoid_undulation_m": 19.0}),
     ]
 EVERY_FLIGHT = pytest.mark.parametrize("flight", FLIGHTS, ids=lambda each: each.file)
+
+
+def flown(suffix: str, data: str | bytes, **options: object) -> Flight:
+    """The flight in a file of that suffix that holds that; raises `PlotfeedError`."""
+    log = Log()
+    octets = data.encode() if isinstance(data, str) else data
+    BY_SUFFIX[suffix](octets, FlightOptions(**options), log)  # type: ignore[arg-type]
+    return log.flight("a")
+
+
+def places(flight: Flight) -> list[tuple[float, float, float]]:
+    return [(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in flight.reports]
+
+
+def speeds(flight: Flight) -> Array:
+    """Over ground, m/s."""
+    return np.array([math.hypot(*r.velocity_enu_m_s[:2]) for r in flight.reports])
+
+
+def moved_m(a: Flight, b: Flight) -> float:
+    """The furthest over ground that a report of one is from that of the other."""
+    first, second = (
+        geodetic_to_ecef(*np.array([(*place[:2], 0.0) for place in places(f)]).T) for f in (a, b)
+    )
+    return float(np.linalg.norm(first - second, axis=1).max())

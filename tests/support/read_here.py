@@ -9,6 +9,7 @@ import io
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO
 from unittest.mock import patch
@@ -16,6 +17,8 @@ from unittest.mock import patch
 import pytest
 
 from plotfeed.feeds.recording import foreign_recordings
+from plotfeed.feeds.telemetry.foreign_files import found_in
+from plotfeed.proto.errors import PlotfeedError
 
 APART = ("test_foreign_recordings",)  # Files whose tests are of the process
 
@@ -53,3 +56,11 @@ def read_here(request: pytest.FixtureRequest) -> Iterator[None]:
     here = SimpleNamespace(Popen=_Done, PIPE=subprocess.PIPE)
     with patch.object(foreign_recordings, "subprocess", here):
         yield
+
+
+def found_here(kind: str, source: bytes | Path) -> Any:
+    """As `read_apart`, in this process and without its limits."""
+    found = found_in(kind, source if isinstance(source, bytes) else str(source))
+    if "error" in found:
+        raise PlotfeedError(found["error"])
+    return found["found"]

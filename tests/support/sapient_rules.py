@@ -19,6 +19,7 @@ from sapient_msg.bsi_flex_335_v2_0.detection_report_pb2 import DetectionReport
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
+from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from sapient_msg_pydantic.bsi_flex_335_v2_0.sapient_message import SapientMessage as Model
 
 UUID4 = re.compile("[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}")
@@ -151,3 +152,23 @@ def assert_declared(registration: Registration, detection: DetectionReport) -> N
         assert found.type in classes
         for sub in found.sub_class:
             assert classes[found.type][sub.type] == sub.level
+
+
+ONE, TWO, THREE = (f"01J0000000000000000000000{n}" for n in "ABC")
+
+
+def task(
+    task_id: str = ONE,
+    control: Any = Task.CONTROL_START,
+    *,
+    to: str = "",
+    more: dict[str, Any] | None = None,
+    **command: Any,
+) -> bytes:
+    asked: dict[str, Any] = {"task_id": task_id, "control": control, **(more or {})}
+    if command:
+        asked["command"] = command
+    message = SapientMessage(task=asked)
+    if to:
+        message.destination_id = to
+    return message.SerializeToString()

@@ -9,9 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from plotfeed.models.frames import wrap_180
-from plotfeed.testing import FeedTable
-
 FALSE_ALARM_RATE = 1e-4
 
 Array = NDArray[Any]
@@ -65,12 +62,3 @@ def assert_counts(counts: Array, law: Any, of: str = "") -> None:
     assert expected.min() > 4
     assert len(expected) >= 3
     assert_chance(float(stats.chisquare(seen, expected).pvalue), of)
-
-
-def errors_of(plots: FeedTable) -> dict[str, tuple[Array, Array]]:
-    """Measured less true, and the stated standard deviation, by quantity."""
-    return {
-        "range": (plots.range_m - plots.true_range_m, plots.sigma_range_m),
-        "azimuth": (wrap_180(plots.azimuth_deg - plots.true_azimuth_deg), plots.sigma_azimuth_deg),
-        "elevation": (plots.elevation_deg - plots.true_elevation_deg, plots.sigma_elevation_deg),
-    }

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from aims import aim, cpu_s, ratios, spread
 from support.brokers import free_port, mosquitto
-from support.fleet_process import Fleet, fleet
+from support.fleets import Fleet, fleet
 from support.scene_files import DRONE, scene_file, scene_text
 from support.scene_files import radar as radar_text
 

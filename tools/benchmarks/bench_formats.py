@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 from aims import YARDSTICK, ratios, spread, yardstick_us
-from support.seen_sectors import scene_of, seen
+from support.every_kind import scene_of, seen
 
 from plotfeed.feeds.cli.run import GARBAGE_OF_SESSION
 from plotfeed.feeds.console.process import keep_freed, undisturbed

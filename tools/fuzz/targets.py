@@ -13,7 +13,7 @@ from shutil import rmtree
 from tempfile import mkdtemp
 from unittest.mock import AsyncMock, Mock
 
-from support.found_here import found_here
+from support.read_here import found_here
 
 from plotfeed.feeds.engine import terrain_files
 from plotfeed.feeds.formats.told_tracks import tracks_in

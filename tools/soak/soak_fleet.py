@@ -34,7 +34,7 @@ from aims import spread
 from pages import between
 from support.brokers import free_port, mosquitto
 from support.cut_proxy import Proxy, proxied
-from support.fleet_process import NS, Fleet, fleet
+from support.fleets import NS, Fleet, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
 DOCS = Path(__file__).parents[2] / "docs" / "fleet.md"

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.dice import Dice
-from support.random_sensors import SENSOR_MAKERS
+from support.random_scenes import SENSOR_MAKERS, Dice
 
 from plotfeed import Engine, Scene
 from plotfeed.feeds.engine.simulation import simulate

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed_here
-from support.fleet_process import fleet
-from support.fleet_scenes import by_topic
+from support.fleets import by_topic, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 

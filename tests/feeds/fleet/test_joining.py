@@ -8,8 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from support.fleet_oracle import judged, reference
-from support.fleet_scenes import by_topic, drones, mixed
+from support.fleets import by_topic, drones, judged, mixed, reference
 from support.sessions import AtWork, StallingClock
 
 from plotfeed.feeds.fleet.parts import load_of, partition, together

@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 from support.brokers import free_port, mosquitto, own_broker
 from support.cut_proxy import Proxy, proxied
-from support.fleet_oracle import Verdict, judged, reference
-from support.fleet_scenes import by_topic, stateless
+from support.fleets import Verdict, by_topic, judged, reference, stateless
 from support.sessions import AtWork, Start, quiet_mosquitto
 from support.waiting import PATIENCE_S, until
 

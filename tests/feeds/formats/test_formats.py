@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.seen_sectors import scene_of, seen
+from support.every_kind import scene_of, seen
 
 from plotfeed.feeds.formats import FORMATS, Batch, SceneFormats, carries_plots
 from plotfeed.feeds.messages.message import Message

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.command import plotfeed_here
-from support.sapient_tasks import ONE, task
+from support.sapient_rules import ONE, task
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 

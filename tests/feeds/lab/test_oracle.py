@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from support.given_files import VARIABLE, more_input, reference_rows
 from support.hills import write_ridge
-from support.random_scenes import PLAIN_M, tree_with, written_scene
-from support.random_sensors import SENSOR_MAKERS, tables_of
+from support.random_scenes import PLAIN_M, SENSOR_MAKERS, tables_of, tree_with, written_scene
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.terrain_files import horizons_of

@@ -16,9 +16,8 @@ import pytest
 from google.protobuf.json_format import ParseDict
 from support.brokers import free_port, own_broker
 from support.command import plotfeed_here
-from support.dice import Dice
-from support.random_sensors import SENSOR_MAKERS
-from support.sapient_tasks import ONE, task
+from support.random_scenes import SENSOR_MAKERS, Dice
+from support.sapient_rules import ONE, task
 from support.tools import NODE_MODULES, ROOT, needed, node_module
 
 from plotfeed.feeds.formats import FORMATS

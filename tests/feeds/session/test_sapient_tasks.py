@@ -15,8 +15,7 @@ from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from support.brokers import free_port, mosquitto
 from support.sapient_middleware import Peer, listening
-from support.sapient_rules import checked, checked_together
-from support.sapient_tasks import ONE, THREE, TWO, task
+from support.sapient_rules import ONE, THREE, TWO, checked, checked_together, task
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 from support.sessions import AtWork, at_work, simulated

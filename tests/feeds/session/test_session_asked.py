@@ -12,7 +12,7 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from support.brokers import free_port, own_broker
-from support.sapient_tasks import ONE, THREE, TWO, task
+from support.sapient_rules import ONE, THREE, TWO, task
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 from support.sessions import Asked, AtWork, at_work, simulated

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from golden.make_flights import ulog
-from support.found_here import found_here
+from support.read_here import found_here
 
 from plotfeed.feeds.engine.terrain_files import _tile
 from plotfeed.feeds.telemetry import foreign_files

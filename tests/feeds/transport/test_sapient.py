@@ -21,8 +21,7 @@ from support.brokers import free_port
 from support.deliveries import taken
 from support.own_time import LoopClock, in_own_time
 from support.sapient_middleware import Peer, linked, listening, polite, status_report
-from support.sapient_rules import checked_together
-from support.sapient_tasks import task
+from support.sapient_rules import checked_together, task
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S

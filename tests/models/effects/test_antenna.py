@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.effect_values import values_of
+from support.given_files import values_of
 
 from plotfeed.models.effects.echo_effects import (
     CELL_SHAPES,

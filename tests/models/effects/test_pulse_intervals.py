@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from support.effect_values import values_of
+from support.given_files import values_of
 from support.significance import assert_sum
 
 from plotfeed.models.effects.pulse_intervals import (

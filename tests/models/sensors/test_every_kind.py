@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.dice import Dice
-from support.random_sensors import SENSOR_MAKERS
+from support.random_scenes import SENSOR_MAKERS, Dice
 from support.significance import assert_sum
 
 from plotfeed.feeds.scene.presets.preset import names

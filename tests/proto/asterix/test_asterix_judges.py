@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from asterix import base  # type: ignore[import-not-found]
 from support.asterix_input import slots_octets
-from support.asterix_readers import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, tshark_layers, values_of
 from support.given_recordings import CAPTURES, FRAMES
 from support.recordings import message, written
-from support.tshark import tshark_layers
 
 from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN

@@ -9,9 +9,9 @@ import dpkt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.asterix_readers import tshark_fields
 from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import START_NS, block_048, message, plots, read, written
-from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.replay import pcap as captures

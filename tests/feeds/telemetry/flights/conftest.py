@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from support.found_here import found_here
+from support.read_here import found_here
 
 from plotfeed.feeds.telemetry.flights import autopilot_logs, markup
 

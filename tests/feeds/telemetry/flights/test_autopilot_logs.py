@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from support.flown_logs import flown, places
 from support.given_files import GOLDEN
+from support.given_flights import flown, places
 
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.autopilot_logs import gps_to_utc_ns, looks_like_tlog

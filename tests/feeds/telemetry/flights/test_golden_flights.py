@@ -13,9 +13,8 @@ from golden.make_flights import (
     geodetic,
     velocity_m_s,
 )
-from support.flown_logs import moved_m
 from support.given_files import GOLDEN
-from support.given_flights import FLIGHTS, GivenFlight
+from support.given_flights import FLIGHTS, GivenFlight, moved_m
 
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from golden.make_flights import geodetic
-from support.flown_logs import flown
 from support.given_files import GOLDEN
+from support.given_flights import flown
 
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.models.state import AltitudeReference

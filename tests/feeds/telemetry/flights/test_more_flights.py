@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.flown_logs import moved_m, places, speeds
 from support.given_files import places as files
+from support.given_flights import moved_m, places, speeds
 
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.flown_logs import flown
 from support.given_files import GOLDEN
+from support.given_flights import flown
 
 from plotfeed.feeds.cli.inject import summary_lines
 from plotfeed.feeds.telemetry.flights import read

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.flown_logs import moved_m, speeds
+from support.given_flights import moved_m, speeds
 
 from plotfeed.feeds.telemetry.flights import smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.flown_logs import flown, places
+from support.given_flights import flown, places
 
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.models.state import AltitudeReference

@@ -11,8 +11,8 @@ import pytest
 from golden.make_flights import GROUND_MSL_M
 from hypothesis import given
 from hypothesis import strategies as st
-from support.flown_logs import flown, places
 from support.given_files import GOLDEN
+from support.given_flights import flown, places
 
 from plotfeed.feeds.cli.inject import summary_lines
 from plotfeed.feeds.telemetry.flights import read
