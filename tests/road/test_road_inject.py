@@ -6,6 +6,7 @@ Some sessions at once, each with its own embedded broker and a process of its ow
 from __future__ import annotations
 
 import asyncio
+import signal
 import sys
 from dataclasses import dataclass
 
@@ -26,17 +27,16 @@ SPEED = 20
 STALE_S = 0.3  # It does not fly straight on for long when nothing comes any more
 SHORT_S = 12.0  # A flight that takes less is injected to its end
 AT_ONCE = 3  # Sessions, each with a process that injects twenty times as fast as was flown
-LOOKS = 90  # Of the others, until so many
+LOOKS = 90  # At the least: on a busy machine a flight is injected again until there are so many
 
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """What left, what the session counted, and what `inject` ended with if it came to its end."""
+    """What left, what the session counted, and how often `inject` came to its end."""
 
     road: Feed
     totals: SessionCounters
-    injected: int | None
-    told: str
+    ended: int
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -55,7 +55,7 @@ async def sessions() -> dict[str, Live]:
 async def _live(flight: GivenFlight, port: int) -> Live:
     messages: list[Message] = []
     stop = asyncio.Event()
-    injecting: list[asyncio.Task[tuple[int | None, str]]] = []
+    injecting: list[asyncio.Task[int]] = []
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
         injecting.append(asyncio.create_task(_inject(flight, urls["MQTT"], totals, stop)))
@@ -70,34 +70,36 @@ async def _live(flight: GivenFlight, port: int) -> Live:
     totals = await run(
         scene, stop=stop, tap=lambda message, _: messages.append(message), on_ready=ready
     )
-    code, told = await injecting[0]
-    return Live(Feed(messages), totals, code, told)
+    return Live(Feed(messages), totals, await injecting[0])
 
 
 async def _inject(
     flight: GivenFlight, broker: str, totals: SessionCounters, stop: asyncio.Event
-) -> tuple[int | None, str]:
-    """Run the command to its end, or until there are looks enough; then stop the session."""
+) -> int:
+    """Run the command until there are looks enough, a short flight to its end; stop the session."""
     more = ["--set", f"altitude_reference={flight.reference.value}"] if flight.reference else []
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        *("-m", "plotfeed.feeds.cli", "inject", str(flight.log)),
-        *("--broker", broker, "--drone", "d", "--now", "--speed", str(SPEED), *more),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-    )
-    is_short = flight.flight.duration_s / SPEED < SHORT_S
+    is_short, ended = flight.flight.duration_s / SPEED < SHORT_S, 0
     try:
-        await until(
-            lambda: process.returncode is not None or (not is_short and totals.looks >= LOOKS)
-        )
+        while totals.looks < LOOKS:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                *("-m", "plotfeed.feeds.cli", "inject", str(flight.log)),
+                *("--broker", broker, "--drone", "d", "--now", "--speed", str(SPEED), *more),
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.STDOUT,
+            )
+            telling = asyncio.create_task(process.communicate())
+            await until(
+                lambda: telling.done() or (not is_short and totals.looks >= LOOKS)  # noqa: B023
+            )
+            if not telling.done():
+                process.terminate()
+            told, _ = await telling
+            assert process.returncode in (0, -signal.SIGTERM), told.decode()
+            ended += process.returncode == 0
     finally:
-        code = process.returncode
-        if code is None:
-            process.terminate()
-        told, _ = await process.communicate()
         stop.set()
-    return code, told.decode()
+    return ended
 
 
 def detections(sessions: dict[str, Live], flight: GivenFlight) -> FeedTable:
@@ -111,13 +113,8 @@ def test_every_report_is_taken(sessions: dict[str, Live], flight: GivenFlight) -
     assert live.totals.refused == 0, live.totals.last_refusal
     assert live.totals.telemetry > 100
     assert live.totals.undelivered == 0
-    if live.injected is not None:
-        assert live.injected == 0, live.told
-        assert live.totals.telemetry == len(flight.flight.reports)
-
-
-def test_a_short_flight_is_injected_to_its_end(sessions: dict[str, Live]) -> None:
-    assert sessions["eight.bin"].injected == 0
+    if flight.flight.duration_s / SPEED < SHORT_S:
+        assert live.totals.telemetry == live.ended * len(flight.flight.reports) > 0
 
 
 @EVERY_FLIGHT

@@ -40,7 +40,7 @@ class Bench:
         is another one each time.
         """
         code, printed, complaint = _run(words)
-        out = printed if change is None or code else change(printed)
+        out = change(printed) if change and printed else printed
         text = f"exit code {code}\n{out}\n-- standard error --\n{complaint}"
         # A recording that is run again has its scene in a folder with a random name.
         text = re.sub(r"/tmp/plotfeed-\w+", "/tmp/plotfeed-X", text)  # noqa: S108

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.recordings import MESSAGES, message, plots, written
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.recording import foreign_recordings
 from plotfeed.feeds.recording.foreign_recordings import ForeignReader
@@ -99,7 +100,7 @@ def test_a_pipe_is_read_as_it_is_written(tmp_path: Path) -> None:
     def write() -> None:
         with path.open("wb", buffering=0) as pipe:
             pipe.write(lines[0])
-            first_came.wait(20)  # the second is not there before the first was read
+            first_came.wait(PATIENCE_S)  # the second is not there before the first was read
             pipe.write(lines[1])
 
     writer = threading.Thread(target=write)
@@ -185,4 +186,4 @@ def test_a_process_ends_with_who_asked_and_not_by_ctrl_c(tmp_path: Path) -> None
         )
     assert orphan.stdout is not None
     orphan.stdout.close()
-    assert orphan.wait(20) != -signal.SIGKILL
+    assert orphan.wait(PATIENCE_S) != -signal.SIGKILL
