@@ -11,6 +11,7 @@ from typing import Any
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.deliveries import NOBODY
 from support.sapient_rules import checked
+from support.servers import serving
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
@@ -86,16 +87,9 @@ class Middleware:
 @asynccontextmanager
 async def listening(*behaviours: Behaviour) -> AsyncIterator[Middleware]:
     middleware = Middleware(*behaviours)
-    server = await asyncio.start_server(middleware.serve, "127.0.0.1", 0)
-    host, port = server.sockets[0].getsockname()
-    middleware.address = f"{host}:{port}"
-    try:
+    async with serving(middleware.serve) as port:
+        middleware.address = f"127.0.0.1:{port}"
         yield middleware
-    finally:
-        server.close()
-        for peer in middleware.peers:
-            peer.writer.close()
-        await asyncio.sleep(0.01)
 
 
 @asynccontextmanager

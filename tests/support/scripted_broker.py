@@ -11,6 +11,7 @@ from typing import Any
 
 from support.certificates import Certificates
 from support.deliveries import Deliveries, number_of
+from support.servers import serving
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
@@ -98,26 +99,6 @@ async def _packet(reader: asyncio.StreamReader) -> tuple[int, bytes]:
 
 
 @asynccontextmanager
-async def serving(
-    broker: ScriptedBroker, tls: ssl.SSLContext | None = None
-) -> AsyncIterator[ScriptedBroker]:
-    tasks: set[asyncio.Task[None]] = set()
-
-    def came(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        tasks.add(asyncio.create_task(broker.serve(reader, writer)))
-
-    server = await asyncio.start_server(came, "127.0.0.1", broker.port, ssl=tls)
-    broker.port = server.sockets[0].getsockname()[1]
-    try:
-        yield broker
-    finally:
-        server.close()
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-@asynccontextmanager
 async def linked(
     broker: ScriptedBroker, *subscribe: str, tls: Certificates | None = None, **queue: object
 ) -> AsyncIterator[MqttTransport]:
@@ -127,7 +108,7 @@ async def linked(
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.load_cert_chain(tls.broker.certificate, tls.broker.key)
         address, access = "mqtts", BrokerAccess(ca_file=tls.ca, version="5")
-    async with serving(broker, context):
+    async with serving(broker.serve, broker.port, context) as broker.port:
         url = f"{address}://127.0.0.1:{broker.port}"
         link = MqttTransport(
             BrokerAddress.parse(url, access=access),

@@ -33,9 +33,9 @@ sys.path.extend(
 from aims import spread
 from pages import between
 from support.brokers import free_port, mosquitto
-from support.cut_proxy import Proxy, proxied
 from support.fleets import NS, Fleet, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
+from support.servers import Proxy, proxied
 
 DOCS = Path(__file__).parents[2] / "docs" / "fleet.md"
 # Of what came of it: each must be 0.

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port, mosquitto, own_broker
-from support.cut_proxy import Proxy, proxied
 from support.fleets import Verdict, by_topic, judged, reference, stateless
+from support.servers import Proxy, proxied
 from support.sessions import AtWork, Start, quiet_mosquitto
 from support.waiting import PATIENCE_S, until
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from support.brokers import free_port, own_broker
-from support.cut_proxy import proxied
 from support.scene_files import radar, scene_file, scene_text
+from support.servers import proxied
 from support.sessions import AtWork, Start, at_work, quiet_mosquitto
 from support.waiting import until
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port
-from support.http_receiver import http_receiver
+from support.servers import http_receiver
 from support.sessions import at_work
 from support.udp_receiver import heard, place, receiver
 from support.waiting import until

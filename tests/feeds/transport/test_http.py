@@ -13,8 +13,8 @@ from uuid import UUID
 import pytest
 from support.brokers import free_port
 from support.deliveries import FollowedDelivery
-from support.http_receiver import BABBLE, HANG_UP, SAY_NOTHING, Answer, HttpReceiver, http_receiver
 from support.own_time import in_own_time
+from support.servers import BABBLE, HANG_UP, SAY_NOTHING, Answer, HttpReceiver, http_receiver
 from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.messages.message import Message

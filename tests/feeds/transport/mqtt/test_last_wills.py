@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from support.brokers import broker_here, free_port, mosquitto
-from support.cut_proxy import proxied
 from support.deliveries import NOBODY
 from support.own_time import in_own_time
 from support.scripted_broker import hearing
+from support.servers import proxied
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message

@@ -13,15 +13,8 @@ from support.brokers import free_port, mosquitto
 from support.certificates import Certificates
 from support.deliveries import NOBODY, Deliveries, number_of
 from support.own_time import in_own_time
-from support.scripted_broker import (
-    BUSY,
-    ScriptedBroker,
-    end_connection,
-    linked,
-    numbers,
-    scripted,
-    serving,
-)
+from support.scripted_broker import BUSY, ScriptedBroker, end_connection, linked, numbers, scripted
+from support.servers import serving
 from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.link.counters import SessionCounters
@@ -431,7 +424,7 @@ async def test_a_broker_that_may_be_waited_for_is_waited_for_and_that_is_told(
         coming = asyncio.create_task(link.wait_until_up(1.0))
         await asyncio.sleep(30.0)
         assert not coming.done()
-        async with serving(broker):
+        async with serving(broker.serve, broker.port) as broker.port:
             await coming
     assert [m for m in caplog.messages if "waits for" in m] == [
         f"waits for the MQTT broker mqtt://127.0.0.1:{broker.port} (Connect call failed "
@@ -452,7 +445,7 @@ async def test_messages_that_come_together_are_acknowledged_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     broker, heard, written = ScriptedBroker(), list[bytes](), list[bytes]()
-    async with serving(broker):
+    async with serving(broker.serve, broker.port) as broker.port:
         address = BrokerAddress("127.0.0.1", broker.port, (5,))
         link = MqttConnection(
             address, 5, "test", on_message=lambda _topic, payload, _type: heard.append(payload)
@@ -494,7 +487,8 @@ async def test_however_long_properties_are_the_connection_to_mosquitto_stays(
 @in_own_time
 async def test_a_broker_that_says_nothing_is_gone_unless_its_socket_moves() -> None:
     loop = asyncio.get_running_loop()
-    async with serving(broker := ScriptedBroker(reads=False)):  # which answers no ping
+    broker = ScriptedBroker(reads=False)  # which answers no ping
+    async with serving(broker.serve) as broker.port:
         link = MqttConnection(BrokerAddress("127.0.0.1", broker.port, (5,)), 5, "test")
         await link.open(PATIENCE_S)
         for _ in range(20):

@@ -17,9 +17,9 @@ from support.brokers import (
 )
 from support.certificates import Certificates
 from support.command import plotfeed
-from support.cut_proxy import proxied
 from support.own_time import LoopClock, in_own_time
 from support.scene_files import radar, scene_file, scene_text
+from support.servers import proxied
 from support.sessions import at_work
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys

@@ -10,10 +10,10 @@ from itertools import pairwise
 
 import pytest
 from support.brokers import broker_here
-from support.cut_proxy import proxied
 from support.deliveries import Deliveries, number_of
 from support.own_time import in_own_time
 from support.scripted_broker import hearing
+from support.servers import proxied
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys

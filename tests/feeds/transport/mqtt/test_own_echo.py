@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 from support.brokers import broker_here, mosquitto_with
-from support.cut_proxy import proxied
 from support.deliveries import NOBODY
 from support.own_time import LoopClock, in_own_time
 from support.scene_files import radar, scene_file, scene_text
-from support.scripted_broker import ScriptedBroker, serving
+from support.scripted_broker import ScriptedBroker
+from support.servers import proxied, serving
 from support.sessions import AtWork, at_work
 from support.waiting import PATIENCE_S, until
 
@@ -160,7 +160,7 @@ async def test_where_the_subscription_is_not_granted_nobody_can_tell(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     broker, clock, told = ScriptedBroker(granted=0x87), WallClock(), list[bool]()
-    async with serving(broker):
+    async with serving(broker.serve, broker.port) as broker.port:
         address = BrokerAddress("127.0.0.1", broker.port, (5,))
         link = MqttTransport(address, "test", on_echo=told.append)
         async with link.connected(PATIENCE_S):
