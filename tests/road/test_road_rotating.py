@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from support.significance import Array, assert_standard_normal
-from support.station import Station
 from support.targets import add_sample
 
+from plotfeed import Engine
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
 from plotfeed.models.state import Signature
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 from plotfeed.testing import (
     SITE,
@@ -206,10 +205,8 @@ def test_a_plot_lies_where_the_drone_was_when_the_beam_was_there() -> None:
 def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
     """Where a drone is taken to be jumps to and fro over the beam, which meets it once a turn."""
     rng = np.random.default_rng(64)
-    parsed = scene([radar(scan=rotating(1.0, 32))], seed=64)
-    trajectories = Trajectories(stale_after_s=10.0)
-    station = Station(parsed, parsed.sensor[0], trajectories)
-    sector = station.sector_at(START_NS)
+    made = scene([radar(scan=rotating(1.0, 32))], seed=64, telemetry={"stale_after_s": 10.0})
+    engine, sector_ns = Engine(made, START_NS), NS // 32
     looked: list[tuple[int, int]] = []
     azimuths_deg = rng.uniform(0, 360, 15)
     for step in range(32 * 20):
@@ -217,9 +214,9 @@ def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
             if (step + i) % 4 == 0:
                 place = waypoint(azimuth_deg + rng.normal(0, 1), 5.0, 500.0)
                 add_sample(
-                    trajectories,
+                    engine.trajectories,
                     f"d{i}",
-                    sector.start_ns - NS // 100,
+                    START_NS + step * sector_ns - NS // 100,
                     latitude_deg=place["latitude_deg"],
                     longitude_deg=place["longitude_deg"],
                     height_m=place["height_m"],
@@ -227,8 +224,8 @@ def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
                     sigma_m=None,
                     signature=Signature(rcs_m2=0.01),
                 )
-        looked.extend((drone, step) for drone in station.report(sector).looks.drone.tolist())
-        sector = station.next_sector(sector)
+        for batch in engine.until(START_NS + (step + 1) * sector_ns):
+            looked.extend((drone, step) for drone in batch.looks.drone.tolist())
     for i in range(len(azimuths_deg)):
         steps = [step for drone, step in looked if drone == i]
         assert len(steps) >= 19

@@ -22,9 +22,9 @@ from aims import ratios, spread
 from section_4_crowd import at_work, ns_per_drone, place, scene_of
 from support.hills import write_ridge
 from support.instructions import text_of
-from support.station import Station
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
+from plotfeed import Engine
 from plotfeed.feeds.console.process import keep_freed
 
 SIZES = (1, 10, 100, 1000, 10_000)
@@ -94,8 +94,8 @@ FLOCK = {"id": "gulls", "path": [place(2000.0, 0.0, 80.0), place(4000.0, 100.0, 
 OF_SCENE = frozenset({"terrain", "target", "birds", "clutter", "road", "turbine"})
 
 
-def station_of(n: int, named: dict[str, Any]) -> Station:
-    """A station of n drones, as `at_work` has it."""
+def engine_of(n: int, named: dict[str, Any]) -> Engine:
+    """An engine of n drones, as `at_work` has it."""
     of_scene = {key: table for key, table in named.items() if key in OF_SCENE}
     if "birds" in of_scene:
         of_scene["birds"] = [FLOCK | {"count": max(n // 10, 1)}]
@@ -111,10 +111,10 @@ def main() -> None:
     keep_freed()
     found: dict[tuple[str, int], list[float]] = defaultdict(list)
     for n in SIZES:
-        stations = {name: station_of(n, named) for name, named in EFFECTS.items()}
+        engines = {name: engine_of(n, named) for name, named in EFFECTS.items()}
         for _ in range(REPEATS):
-            for name, station in stations.items():
-                found[name, n].append(ns_per_drone(station, n, SECONDS_A_REPEAT))
+            for name, engine in engines.items():
+                found[name, n].append(ns_per_drone(engine, n, SECONDS_A_REPEAT))
     plain = "nothing named"
     print(
         f"Median (least to most) of {REPEATS} repeats, in turns: times what it takes with nothing"

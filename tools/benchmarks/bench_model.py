@@ -18,18 +18,14 @@ from typing import Any
 
 import numpy as np
 from aims import aim, ratios, spread
-from section_4_crowd import START_NS, scene_of
-from support.station import Station
+from section_4_crowd import at_work, next_sectors, scene_of
 
 from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.engine.emulated_sensors import SensorGroup
-from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.beam import Sectors
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import Axes
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.truth import Trajectories
-from plotfeed.proto.utc import NS
 
 SIZES = (1, 10, 100, 1000, 10_000)
 THREE = np.ones(3)
@@ -81,21 +77,14 @@ class Stopwatches:
 def measure(n: int) -> dict[str, list[float]]:
     """Nanoseconds per target of each stage, one value a repeat."""
     keep_freed()
-    scene = scene_of(n, report=["plots"])
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(scene, trajectories, START_NS)
-    station = Station(scene, scene.sensor[0], trajectories)
-    sector = station.sector_at(START_NS + NS)
+    engine = at_work(scene_of(n, report=["plots"]), after_s=4)
     found: dict[str, list[float]] = defaultdict(list)
-    for _ in range(3):
-        sector = station.next_sector(sector)
-        station.report(sector)
-    group, sectors = _worked_out(lambda: station.report(sector))
+    group, sectors = _worked_out(lambda: next_sectors(engine))
     for _ in range(REPEATS):
         in_between = Stopwatches({"look": (SensorGroup, "")})
         reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
         while time.perf_counter() < end_s:
-            station.report(sector)
+            next_sectors(engine)
             reports += 1
         in_between.take_off()
         found["reported"].append(in_between.spent_ns["look"] / reports / n)

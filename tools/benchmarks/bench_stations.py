@@ -15,8 +15,8 @@ from typing import Any
 from aims import ratios, spread
 from section_4_crowd import at_work, ns_per_drone, place
 from support.every_kind import EMITTER, RF
-from support.station import Station
 
+from plotfeed import Engine
 from plotfeed.feeds.console.process import keep_freed
 from plotfeed.testing import held, radar, scene, staring
 
@@ -74,7 +74,7 @@ PAIRS: dict[str, tuple[Keys, Keys]] = {
 }
 
 
-def station_of(keys: Keys, n: int) -> Station:
+def engine_of(keys: Keys, n: int) -> Engine:
     """At work for as long as sounds travel."""
     drones = [
         held(
@@ -89,7 +89,7 @@ def station_of(keys: Keys, n: int) -> Station:
         for i in range(n)
     ]
     made = scene([keys | {"report": ["plots"]}], drones, seed=1)
-    return at_work(made, scans=0)
+    return at_work(made, after_s=10)
 
 
 def main() -> None:
@@ -97,14 +97,14 @@ def main() -> None:
     keep_freed()
     found: dict[tuple[str, int, int], list[float]] = defaultdict(list)
     for n in SIZES:
-        stations = {
-            (name, side): station_of(keys, n)
+        engines = {
+            (name, side): engine_of(keys, n)
             for name, pair in PAIRS.items()
             for side, keys in enumerate(pair)
         }
         for _ in range(REPEATS):
-            for (name, side), station in stations.items():
-                found[name, side, n].append(ns_per_drone(station, n, SECONDS_A_REPEAT, after_s=10))
+            for (name, side), engine in engines.items():
+                found[name, side, n].append(ns_per_drone(engine, n, SECONDS_A_REPEAT))
     print(f"Times that of the plain sensor, median (least to most) of {REPEATS} runs in turns.\n")
     sizes = " | ".join(f"{n} drones" for n in SIZES)
     print(f"| sensor | {sizes} | us per drone, of the last |")

@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.station import Station
 
-from plotfeed.feeds.engine.scene_drones import launch
+from plotfeed import Engine
 from plotfeed.feeds.scene.scene import Scene, from_tree
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 START_NS = 1_767_268_800 * NS
@@ -41,25 +39,26 @@ def scene_of(
     return from_tree(tree | dict(tables or {}), folder / "bench.toml")
 
 
-def at_work(scene: Scene, scans: int = 2) -> Station:
-    """The scene's first sensor, which has been at work for so many sectors."""
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(scene, trajectories, START_NS)
-    station = Station(scene, scene.sensor[0], trajectories)
-    sector = station.sector_at(START_NS)
-    for _ in range(scans):
-        sector = station.next_sector(sector)
-        station.report(sector)
-    return station
+def at_work(scene: Scene, after_s: int = 2) -> Engine:
+    """The scene's one sensor, which has been at work for so many seconds."""
+    engine = Engine(scene, START_NS)
+    for _ in range(after_s):
+        next_sectors(engine)
+    return engine
 
 
-def ns_per_drone(station: Station, n: int, seconds: float, after_s: int = 5) -> float:
+def next_sectors(engine: Engine) -> None:
+    """Whatever ends next, with its messages."""
+    assert engine.next_end_ns is not None
+    for _ in engine.until(engine.next_end_ns):
+        pass
+
+
+def ns_per_drone(engine: Engine, n: int, seconds: float) -> float:
     """Nanoseconds of n drones and a sector each: mean of as many sectors as go into the time."""
-    sector = station.sector_at(START_NS + after_s * NS)
     sectors, start_s = 0, time.perf_counter()
     while (spent_s := time.perf_counter() - start_s) < seconds:
-        station.report(sector)
-        sector = station.next_sector(sector)
+        next_sectors(engine)
         sectors += 1
     return spent_s / sectors / n * 1e9
 

@@ -18,10 +18,11 @@ import pytest
 from support.every_kind import EMITTER, GATE, MICROPHONES, MIMO, PASSIVE, RF
 from support.hills import write_ridge
 from support.instructions import Place, instructions_of, text_of
-from support.station import Station
 
-from plotfeed.feeds.engine.scene_drones import launch
-from plotfeed.models.truth import Trajectories
+from plotfeed import Engine
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.scene import sensors
+from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, held, radar, rotating, scene
 
 QUESTIONS = re.compile(
@@ -63,7 +64,7 @@ EVERYTHING = {
 }
 
 
-def station(sensor: dict[str, Any], drones: int = 3) -> Station:
+def engine_of(sensor: dict[str, Any], drones: int = 3) -> Engine:
     """With drones in its first octant that are detected."""
     near_m = 200.0 if sensor["type"] == "acoustic" else 2000.0  # sound takes its time
     flown = [
@@ -78,21 +79,22 @@ def station(sensor: dict[str, Any], drones: int = 3) -> Station:
         )
         for i in range(drones)
     ]
-    made = scene([sensor], flown, seed=1)
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(made, trajectories, START_NS)
-    return Station(made, made.sensor[0], trajectories)
+    return Engine(scene([sensor], flown, seed=1), START_NS)
+
+
+def next_sector(engine: Engine) -> Batch:
+    assert engine.next_end_ns is not None
+    (batch,) = engine.until(engine.next_end_ns)
+    return batch
 
 
 @cache
 def executed(kind: str) -> Counter[Place]:
     """By a second scan, when what is made once has been made."""
-    at = station(SENSORS[kind])
-    sector = at.sector_at(START_NS)
-    for _ in range(2 * at.sectors):
-        at.report(sector)
-        sector = at.next_sector(sector)
-    return instructions_of(lambda: at.report(sector))
+    engine = engine_of(SENSORS[kind])
+    while next_sector(engine).sectors.scan[0] < START_NS // NS + 2:
+        pass
+    return instructions_of(lambda: next_sector(engine))
 
 
 KINDS = pytest.mark.parametrize("kind", SENSORS)
@@ -118,9 +120,8 @@ def test_to_ask_takes_less_than_a_fiftieth(kind: str) -> None:
 def test_the_test_sees_what_is_named(kind: str) -> None:
     """With everything on, the same count finds the effects' modules."""
     known = set(_keys_of(kind))
-    at = station(SENSORS[kind] | {k: v for k, v in EVERYTHING.items() if k in known})
-    sector = at.sector_at(START_NS)
-    counts = instructions_of(lambda: at.report(sector))
+    engine = engine_of(SENSORS[kind] | {k: v for k, v in EVERYTHING.items() if k in known})
+    counts = instructions_of(lambda: next_sector(engine))
     stems = {Path(file).stem for file, _ in counts}
     assert "readings" in stems
     modules = {
@@ -140,10 +141,8 @@ def test_what_stands_in_the_way_is_seen_too(tmp_path: Path) -> None:
     elevation = [write_ridge(tmp_path, height_m=700)]
     made = scene([SENSORS["staring"]], [held("d", 10.0, 12.0, 2000.0)], seed=1, folder=tmp_path,
                  terrain={"elevation": elevation})  # fmt: skip
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(made, trajectories, START_NS)
-    at = Station(made, made.sensor[0], trajectories)
-    counts = instructions_of(lambda: at.report(at.sector_at(START_NS)))
+    engine = Engine(made, START_NS)
+    counts = instructions_of(lambda: next_sector(engine))
     assert {"line_of_sight", "surroundings"} <= {Path(file).stem for file, _ in counts}
 
 
@@ -167,4 +166,4 @@ def test_a_session_begins_without_what_few_scenes_need(begins: str, besides: set
 
 
 def _keys_of(kind: str) -> list[str]:
-    return list(type(station(SENSORS[kind]).sensor).model_fields)
+    return list(sensors.SENSORS[SENSORS[kind]["type"]].model_fields)
