@@ -126,11 +126,3 @@ def tshark_fields(path: Path, *fields: str) -> list[list[str]]:
         timeout=120,
     )
     return [line.split("\t") for line in done.stdout.splitlines()]
-
-
-def tshark_layers(path: Path) -> list[tuple[str, Any]]:
-    """Every layer of every packet: its name, and the names and values of its tree, as pairs."""
-    command = [needed("tshark"), "-n", "-r", str(path), "-T", "json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    packets = json.loads(done.stdout, object_pairs_hook=list)
-    return [layer for packet in packets for layer in dict(dict(packet)["_source"])["layers"]]

@@ -3,6 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from support.every_kind import GATE
 
 from plotfeed.feeds.scene.changes import (
     MAX_COMMAND_OCTETS,
@@ -21,11 +22,14 @@ def sensor(**keys: Any) -> Sensor:
     return scene([radar(**keys)], seed=1).sensor[0]
 
 
-def test_a_change_takes_the_place_of_the_sensors_own_keys_and_of_no_others() -> None:
+def test_changes_go_over_the_sensors_own_keys_and_earlier_ones_and_over_no_others() -> None:
     before = sensor(pfa=1e-6)
-    after = changed(before, {"pfa": 1e-5})
-    assert after.model_dump() == before.model_dump() | {"pfa": 1e-5}
+    assert changed(before, {"pfa": 1e-5}).model_dump() == before.model_dump() | {"pfa": 1e-5}
     assert changed(before) == before
+    after = changed(before, {"pfa": 1e-5, "loss_db": 1.0}, {"pfa": 1e-4}).model_dump()
+    assert after == before.model_dump() | {"pfa": 1e-4, "loss_db": 1.0}
+    factor = changed(before, {"pfa_factor": 10}).model_dump()  # of the scene's own pfa
+    assert factor["pfa"] == pytest.approx(1e-5)
 
 
 def test_the_link_is_changed_key_by_key_and_a_null_takes_one_away() -> None:
@@ -33,25 +37,12 @@ def test_the_link_is_changed_key_by_key_and_a_null_takes_one_away() -> None:
     assert changed(before, {"link": {"latency_ms": 50.0}}).link.jitter_ms == 5.0  # type: ignore[union-attr]
     assert changed(before, {"link": {"jitter_ms": None}}).link.jitter_ms == 0.0  # type: ignore[union-attr]
     assert changed(before, {"link": None}).link is None
-
-
-def test_a_table_of_another_kind_begins_anew() -> None:
+    # A table of another kind begins anew.
     tree = {"loss": {"kind": "random", "probability": 0.1}}
     other = {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}}
     assert merged(tree, other) == other
-    assert merged(tree, {"loss": {"probability": 0.2}})["loss"] == {
-        "kind": "random",
-        "probability": 0.2,
-    }
-
-
-def test_later_changes_go_over_earlier_ones() -> None:
-    after = changed(sensor(), {"pfa": 1e-5, "loss_db": 1.0}, {"pfa": 1e-4})
-    assert (after.pfa, after.loss_db) == (1e-4, 1.0)  # type: ignore[union-attr]
-
-
-def test_a_factor_is_on_the_scenes_own_pfa() -> None:
-    assert changed(sensor(pfa=1e-6), {"pfa_factor": 10}).pfa == pytest.approx(1e-5)  # type: ignore[union-attr]
+    same_kind = merged(tree, {"loss": {"probability": 0.2}})
+    assert same_kind == {"loss": {"kind": "random", "probability": 0.2}}
 
 
 @pytest.mark.parametrize(
@@ -81,34 +72,24 @@ def test_a_change_that_no_sensor_can_have_is_a_line_that_names_the_key(
 
 
 def test_a_sensor_without_pfa_has_no_factor_on_it() -> None:
-    gate = {
-        "id": "gate",
-        "type": "range_gate",
-        "range_max_m": 1000.0,
-        "sigma_m": 1.0,
-        "scan": {"kind": "staring", "period_s": 1.0},
-    }
-    with pytest.raises(ChangeError, match="pfa_factor: sensor 'gate' has no pfa"):
-        changed(scene([gate], seed=1).sensor[0], {"pfa_factor": 10})
+    with pytest.raises(ChangeError, match="pfa_factor: sensor 'radar' has no pfa"):
+        changed(scene([GATE], seed=1).sensor[0], {"pfa_factor": 10})
 
 
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        (
-            {"from_s": 5.0, "to_s": 5.0, "set": {"pfa": 1e-5}},
-            r"event\[0\].to_s of 'radar': must be above",
-        ),
-        ({"from_s": 5.0, "set": {}}, r"event\[0\].set"),
-        ({"from_s": 5.0, "set": {"pf": 1e-5}}, r"event\[0\].set of 'radar': pf: no such key"),
-        ({"from_s": 5.0, "set": {"pfa": 0.1}}, "false alarms a scan"),
-        ({"to_s": 5.0, "set": {"pfa": 1e-5}}, r"event\[0\].from_s of 'radar': missing"),
+        ({"from_s": 5.0, "to_s": 5.0, "set": {"pfa": 1e-5}}, ".to_s of 'radar': must be above"),
+        ({"from_s": 5.0, "set": {}}, ".set"),
+        ({"from_s": 5.0, "set": {"pf": 1e-5}}, ".set of 'radar': pf: no such key"),
+        ({"from_s": 5.0, "set": {"pfa": 0.1}}, ".*false alarms a scan"),
+        ({"to_s": 5.0, "set": {"pfa": 1e-5}}, ".from_s of 'radar': missing"),
     ],
 )
 def test_an_event_that_cannot_happen_is_refused_with_the_scene(
     event: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(SceneError, match=words):
+    with pytest.raises(SceneError, match=rf"event\[0\]{words}"):
         scene([radar(event=[event])], seed=1)
 
 
@@ -145,10 +126,7 @@ def test_a_command_is_of_a_sensor_or_of_the_clock() -> None:
         (b"{}", "expected one of sensor, drone, clock, story and undo"),
         (b'{"sensor": "radar"}', 'with a sensor, expected either "set" or "reset"'),
         (b'{"sensor": "radar", "set": {}, "reset": true}', 'either "set" or "reset"'),
-        (
-            b'{"sensor": "radar", "set": {}, "clock": {"paused": true}}',
-            "one of sensor, drone, clock, story and undo",
-        ),
+        (b'{"sensor": "radar", "set": {}, "clock": {"paused": true}}', "expected one of sensor"),
         (b'{"story": "outage", "sensor": "radar"}', "expected one of sensor, drone, clock"),
         (b'{"story": "outage", "set": {}}', "set is of a sensor"),
         (b'{"undo": true, "reset": true}', "undo has no reset"),

@@ -101,12 +101,7 @@ def test_a_text_that_is_not_toml_has_an_end(text: str) -> None:
 @pytest.mark.parametrize(
     ("right", "wrong", "line", "told"),
     [
-        (
-            "power_w = 500.0",
-            "powr_w = 500.0",
-            "powr_w = 500.0",
-            "sensor[1].powr_w of 'east': no such key",
-        ),
+        ("power_w =", "powr_w =", "powr_w = 500.0", "sensor[1].powr_w of 'east': no such key"),
         ("power_w = 500.0\n", "", 'id = "east"', "sensor[1].power_w of 'east': missing"),
         ("period_s = 0.5\n", "", "[sensor.scan]", "sensor[1].scan.period_s of 'east': missing"),
         ('id = "east"', 'id = "west"', 'id = "west"', "sensor[1].id: the id 'west' is used twice"),

@@ -27,6 +27,7 @@ NODES = {  # of EGM96, every 15', by the US National Geospatial-Intelligence Age
 }
 ROUNDED_M = 0.0501  # Of a node of the package's grid, in whole decimetres
 SITE = "latitude_deg = 40.45\nlongitude_deg = -3.73\nheight_m = 650.0\n"
+ABOVE_SEA = SITE.replace("height_m", "height_msl_m")
 NOISE = "id = 'far'\neirp_w = 1.0\nfrequency_hz = 9e9\nbandwidth_hz = 1e6\n"
 
 
@@ -40,18 +41,13 @@ def site_at(latitude_deg: float, longitude_deg: float, height: str) -> str:
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_site_stands_above_the_sea_by_the_geoid_of_its_place(name: str, tmp_path: Path) -> None:
+def test_what_is_above_the_sea_stands_so_far_above_the_geoid_where_it_is(
+    name: str, tmp_path: Path
+) -> None:
+    """A site; a waypoint and a sensor 70 km off theirs, whose horizontal is 400 m above them."""
     latitude_deg, longitude_deg, undulation_m = NODES[name]
     scene = written(tmp_path, site_at(latitude_deg, longitude_deg, "height_msl_m = 577.0"))
     assert scene.scene.site.height_m == pytest.approx(577.0 + undulation_m, abs=ROUNDED_M)
-
-
-@pytest.mark.parametrize("name", NODES)
-def test_a_sensor_and_a_waypoint_stand_above_the_sea_where_they_are(
-    name: str, tmp_path: Path
-) -> None:
-    """The sensor 70 km off its site, whose horizontal is 400 m above it there."""
-    latitude_deg, longitude_deg, undulation_m = NODES[name]
     place = f"latitude_deg = {latitude_deg}, longitude_deg = {longitude_deg}, height_msl_m"
     path = f"[{{ {place} = 700 }}, {{ {place} = 800.5 }}]"
     drone = f"[[drone]]\nid = 'visitor'\nspeed_m_s = 5.0\npath = {path}\n"
@@ -82,48 +78,37 @@ def test_a_place_off_its_site_is_east_and_north_of_it_by_so_much(
     assert found[2] == pytest.approx(680.0 + moved[2])
 
 
-def test_sea_level_is_where_the_scene_states_it(tmp_path: Path) -> None:
+def test_sea_level_is_where_the_scene_states_it_and_else_the_packages_geoid(tmp_path: Path) -> None:
     site = site_at(-35.3, 149.1, "height_msl_m = 577.0")
     scene = written(tmp_path, site, telemetry="geoid_undulation_m = 27.0")
     level = scene.sea_level()
     assert (scene.scene.site.height_m, level.level_m) == (604.0, 27.0)
     assert level.undulation_m([0.0, 90.0], 7.0).tolist() == [27.0, 27.0]
     assert scene.sea_level(stated_m=0.0).level_m == 0.0
-    assert written(tmp_path).scene.site.height_m == 650.0  # above the ellipsoid, as it stands
+    silent = written(tmp_path)
+    assert silent.scene.site.height_m == 650.0  # above the ellipsoid, as it stands
+    assert silent.sea_level().level_m is None
+    assert silent.sea_level().undulation_m(40.45, -3.73) == geoid_undulation_m(40.45, -3.73)
 
 
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        (
-            {"site": f"{SITE}height_msl_m = 600.0\n"},
-            "scene.site.height_msl_m: either it or height_m",
-        ),
+        ({"site": f"{SITE}height_msl_m = 6.0\n"}, "scene.site.height_msl_m: either it or height_m"),
         ({"site": SITE.replace("height_m = 650.0", "")}, "scene.site.height_m: missing"),
-        (
-            {"sensor": "height_msl_m = 600.0\nposition_enu_m = [0.0, 0.0, 5.0]"},
-            "sensor[0].height_msl_m of 'radar': gives the third of position_enu_m",
-        ),
-        (
-            {
-                "site": SITE.replace("height_m", "height_msl_m"),
-                "telemetry": 'geoid_grid = "here.gtx"',
-            },
-            "scene.site.height_msl_m: counts from the package's geoid",
-        ),
-        (
-            {"telemetry": 'geoid_grid = "here.gtx"\ngeoid_undulation_m = 1.0'},
-            "either it or geoid_undulation_m",
-        ),
-        ({"site": SITE.replace("height_m = 650.0", 'height_msl_m = "650"')}, "valid number"),
-        ({"site": SITE.replace("height_m = 650.0", "height_msl_m = 1e5")}, "less than or equal"),
-        ({"site": SITE.replace("height_m = 650.0", "height_msl_m = nan")}, "finite number"),
-        (
-            {"drones": "[[jammer]]\neast_m = 0.0\nnorth_m = 0.0\nheight_msl_m = 5.0\n" + NOISE},
-            "jammer[0]: a place has east_m, north_m and above_site_m, or",
-        ),
+        ({"site": ABOVE_SEA.replace("650.0", '"650"')}, "valid number"),
+        ({"site": ABOVE_SEA.replace("650.0", "1e5")}, "less than or equal"),
+        ({"site": ABOVE_SEA.replace("650.0", "nan")}, "finite number"),
+        ({"site": ABOVE_SEA, "telemetry": 'geoid_grid = "here.gtx"'},
+         "scene.site.height_msl_m: counts from the package's geoid"),
+        ({"telemetry": 'geoid_grid = "here.gtx"\ngeoid_undulation_m = 1.0'},
+         "either it or geoid_undulation_m"),
+        ({"sensor": "height_msl_m = 600.0\nposition_enu_m = [0.0, 0.0, 5.0]"},
+         "sensor[0].height_msl_m of 'radar': gives the third of position_enu_m"),
+        ({"drones": f"[[jammer]]\neast_m = 0.0\nnorth_m = 0.0\nheight_msl_m = 5.0\n{NOISE}"},
+         "jammer[0]: a place has east_m, north_m and above_site_m, or"),
     ],
-)
+)  # fmt: skip
 def test_what_is_not_one_height_is_refused_by_its_key(
     changes: dict[str, Any], told: str, tmp_path: Path
 ) -> None:
@@ -138,12 +123,6 @@ def gtx(path: Path) -> None:
     header = struct.pack(">4d2i", -60, -180, 10, 10, len(latitudes), len(longitudes))
     values = [latitude + longitude / 2 for latitude in latitudes for longitude in longitudes]
     path.write_bytes(header + struct.pack(f">{len(values)}f", *values))
-
-
-def test_a_scene_that_says_nothing_has_the_packages_geoid(tmp_path: Path) -> None:
-    level = written(tmp_path).sea_level()
-    assert level.level_m is None
-    assert level.undulation_m(40.45, -3.73) == geoid_undulation_m(40.45, -3.73)
 
 
 def test_a_grid_of_proj_stands_in_its_place_as_far_as_it_reaches(tmp_path: Path) -> None:

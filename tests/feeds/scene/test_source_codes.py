@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.scene import SceneError, numbered
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.models.tracks import MAX_TRACKS
@@ -91,11 +90,6 @@ def test_equal_codes_are_refused_where_asterix_is_reported() -> None:
         codes(both, {}, both)
     silent = [both | {"report": ["plots"]}, both, both | {"report": ["plots", "sapient"]}]
     assert codes(*silent) == [(25, 3)] * 3
-
-
-def test_a_sensor_keeps_its_number_when_it_is_changed() -> None:
-    second = scene(sensors({}, {}), seed=1).sensor[1]
-    assert changed(second, {"pfa": 1e-5}).sic == second.sic == 2
 
 
 def test_who_reports_tracks_in_a_format_of_no_source_has_a_share_of_their_numbers() -> None:

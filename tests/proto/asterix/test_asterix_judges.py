@@ -1,4 +1,4 @@
-"""Independent readers read what we read: asterix-decoder, libasterix and tshark."""
+"""Independent readers read what we read: asterix-decoder recordings, libasterix any records."""
 
 from __future__ import annotations
 
@@ -10,26 +10,16 @@ from typing import Any
 import pytest
 from asterix import base  # type: ignore[import-not-found]
 from support.asterix_input import slots_octets
-from support.asterix_readers import items_of, read_blocks, tshark_layers, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 from support.given_recordings import CAPTURES, FRAMES
-from support.recordings import message, written
 
 from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import (
-    FURTHER,
-    Block,
-    Record,
-    Value,
-    blocks,
-    decode,
-    records_in,
-)
+from plotfeed.proto.asterix.codec.decode import FURTHER, Block, Record, Value, decode, records_in
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import standard, tables
-from plotfeed.replay.pcap import PcapWriter
 
 RECORDINGS = [*(each.path for each in CAPTURES), *FRAMES]
 # Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
@@ -228,62 +218,3 @@ def test_libasterix_reads_random_records_of_every_category_as_we_do() -> None:
                 assert_cut_alike(number, body, theirs)
             seen |= record.items.keys()
         assert seen == {item.name for item in uap if item}
-
-
-def test_libasterix_reads_the_same_in_recordings() -> None:
-    count = 0
-    for payload in (payload for recording in RECORDINGS for payload in payloads_of(recording)):
-        for block in blocks(payload):
-            read = newest(block.category).cv_uap.parse(base.Bits.from_bytes(block.body))
-            assert not isinstance(read, ValueError), read
-            for mine, theirs in zip(records_in(block), read, strict=True):
-                count += agree_with_libasterix(mine, theirs)
-    assert count > 4000
-
-
-def of_tshark(layer: Any) -> Iterator[tuple[str, list[Any]]]:
-    """Each item of a record by our name, with its values from left to right."""
-    for key, content in layer:
-        name = key.removeprefix("asterix.").replace("_", "/")
-        if name != "fspec":
-            yield f"I{name}", list(leaves_of_tshark(content))
-
-
-def leaves_of_tshark(content: Any) -> Iterator[Any]:
-    for key, value in content:
-        if isinstance(value, list):
-            yield from leaves_of_tshark(value)
-        elif key not in ("asterix.FX", "asterix.counter", "asterix.fspec") and "spare" not in key:
-            yield value
-
-
-def is_that(mine: Any, theirs: str) -> bool:
-    """Whether both are one value."""
-    if isinstance(mine, str):
-        return mine.replace("?", " ") == theirs or mine.isdigit()  # codes of Mode A are integers
-    number = int(theirs, 16) if theirs.startswith("0x") else float(theirs)
-    return bool(mine == pytest.approx(number, rel=1e-9, abs=1e-12))
-
-
-def test_tshark_reads_the_same_in_recordings(tmp_path: Path) -> None:
-    payloads = [payload for recording in RECORDINGS for payload in payloads_of(recording)]
-    path = tmp_path / "again.pcap"
-    sent = [message(each, content_type="application/x-asterix") for each in payloads]
-    path.write_bytes(written(PcapWriter, sent))
-    records = [r for p in payloads for b in blocks(p) for r in records_in(b)]
-    layers = [layer for name, layer in tshark_layers(path) if name == "asterix"]
-    found = [value for layer in layers for key, value in layer if key == "asterix.message"]
-    count = 0
-    for record, theirs in zip(records, found, strict=True):
-        items = dict(of_tshark(theirs))
-        assert set(items) == set(record.items)
-        for name, value in record.items.items():
-            if isinstance(value, bytes):
-                continue
-            ours = list(values(value))
-            if name == "I048/090" and ours[-1] < 0:  # it takes a level below 0 for one above
-                ours[-1] += 1 << 12
-            assert len(ours) == len(items[name]), (name, ours, items[name])
-            assert all(map(is_that, ours, items[name])), (name, ours, items[name])
-            count += len(ours)
-    assert count > 4000
