@@ -17,6 +17,7 @@ from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from functools import cache
 from itertools import cycle
 from pathlib import Path
+from typing import NamedTuple
 
 from support.forked import NUMBER
 from support.tools import needed
@@ -191,6 +192,28 @@ def is_listening(port: int, host: str = "127.0.0.1") -> bool:
     with contextlib.suppress(OSError), socket.create_connection((host, port), 5):
         return True
     return False
+
+
+class Socket(NamedTuple):
+    """One by TCP of this machine, as the kernel tells of it."""
+
+    address: str  # Its own, in hexadecimal
+    port: int
+    peer_port: int
+    listens: bool
+    inode: str
+
+
+def sockets() -> list[Socket]:
+    """All of this machine."""
+    found = []
+    for file in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{file}").read_text().splitlines()[1:]:
+            _, local, peer, state, *_, inode = line.split()[:10]
+            address, _, port = local.partition(":")
+            peer_port = int(peer.rpartition(":")[2], 16)
+            found.append(Socket(address, int(port, 16), peer_port, state == "0A", inode))
+    return found
 
 
 @contextmanager

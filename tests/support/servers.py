@@ -75,6 +75,10 @@ class Proxy:
             return
         finally:
             self._coming -= 1
+        if self.is_closed:  # meanwhile
+            for each in (writer, there[1]):
+                each.transport.abort()
+            return
         self.connections += 1
         self._wires.append(_Wire((reader, writer), there))
 

@@ -27,29 +27,22 @@ from plotfeed.proto.utc import NS
 FAR = -1  # A place on the other half of the Earth
 FORGET = "forget_after_s = 5\nstale_after_s = 1"
 REPORTED = 'report = ["asterix-048", "asterix-062", "plots"]'
+PLOTS = 'report = ["asterix-048", "plots"]'
 SENSORS = radar("alone", sectors=4, more=REPORTED) + "".join(
-    radar(f"radar{i}", sectors=4, more='report = ["asterix-048", "plots"]') for i in range(3)
+    radar(f"radar{i}", sectors=4, more=PLOTS) for i in range(3)
 )
 
 
-def scene_of(folder: Path) -> Scene:
-    text = scene_text(
-        start_utc="2026-01-01T12:00:00Z", telemetry=FORGET, sensors=SENSORS, drones="", port=1883
-    )
-    return load(scene_file(folder, text))
+def scene_of(folder: Path, sensors: str = SENSORS, telemetry: str = FORGET) -> Scene:
+    text = {"sensors": sensors, "telemetry": telemetry, "drones": ""}
+    return load(scene_file(folder, scene_text(start_utc="2026-01-01T12:00:00Z", port=1883, **text)))
 
 
 def report(t_utc_ns: int, place: int) -> bytes:
-    return PositionReport.to_protobuf(
-        PositionReport(
-            t_utc_ns=t_utc_ns,
-            latitude_deg=-40.0 if place == FAR else 40.46 + 1e-4 * (place % 50),
-            longitude_deg=-3.72 + 1e-4 * (place // 50 % 50),
-            altitude_m=900.0,
-            altitude_reference=AltitudeReference.ELLIPSOID,
-            velocity_enu_m_s=(0.0, 0.0, 0.0),
-        )
-    )
+    """Of a drone that stands there."""
+    latitude_deg = -40.0 if place == FAR else 40.46 + 1e-4 * (place % 50)
+    at = latitude_deg, -3.72 + 1e-4 * (place // 50 % 50), 900.0, AltitudeReference.ELLIPSOID
+    return PositionReport(t_utc_ns, *at, (0.0, 0.0, 0.0)).to_protobuf()
 
 
 Named = Callable[[float], list[tuple[str, int]]]  # Drones and their places at a time
@@ -184,8 +177,12 @@ class Census(Observer):
 
     def before_due(self, due_utc_ns: int) -> None:
         while self._telemetry_ns < due_utc_ns:
-            inputs = [self._report(drone) for drone in range(DRONES)]
-            self._session.receive(inputs, self._telemetry_ns)
+            for drone in range(DRONES):
+                self._reports += 1
+                is_garbage = self._reports % 50 == 0
+                said = b"garbage" if is_garbage else report(self._telemetry_ns, drone)
+                told = f"plotfeed/telemetry/d{drone}", said, None
+                self._session.receive([told], self._telemetry_ns)
             self._telemetry_ns += NS // TELEMETRY_HZ
             self._least = min(self._least, sys.getallocatedblocks())
         if due_utc_ns >= self._count_ns:
@@ -195,37 +192,16 @@ class Census(Observer):
             self.blocks.append(self._least)
             self._least = sys.maxsize
 
-    def _report(self, drone: int) -> tuple[str, bytes, None]:
-        self._reports += 1
-        is_garbage = self._reports % 50 == 0
-        payload = b"garbage" if is_garbage else report(self._telemetry_ns, drone)
-        return f"plotfeed/telemetry/d{drone}", payload, None
-
-
-def scene(folder: Path) -> Scene:
-    sensors = "\n".join(
-        radar(f"radar{i}", sectors=8, more='report = ["asterix-048", "plots"]') + LINK
-        for i in range(2)
-    )
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=sensors, drones="")
-    return load(scene_file(folder, text))
-
 
 def test_time_leaves_nothing_behind(tmp_path: Path) -> None:
     """In a session, or in who records it."""
-    what, census = scene(tmp_path), Census()
-    clock = InstantClock(what.scene.start_utc_ns)
+    sensors = "".join(radar(f"radar{i}", more=PLOTS) + LINK for i in range(2))
+    what, census, for_s = scene_of(tmp_path, sensors, ""), Census(), STRETCH_S * STRETCHES + 2.0
     with Recorder(tmp_path / "session.mcap") as recorder:
         observers = [census, SessionRecorder(recorder, ledger_is_sent=True)]
-        totals = asyncio.run(
-            run(
-                what,
-                clock=clock,
-                broker="none",
-                duration_s=STRETCH_S * STRETCHES + 2.0,
-                observers=observers,
-            )
-        )
+        clock = InstantClock(what.scene.start_utc_ns)
+        running = run(what, clock=clock, broker="none", duration_s=for_s, observers=observers)
+        totals = asyncio.run(running)
     assert census.entries > 10 * STRETCH_S * STRETCHES
     assert totals.telemetry > 0.9 * STRETCH_S * STRETCHES * DRONES * TELEMETRY_HZ
     assert totals.refused > 30
