@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import gc
-from collections.abc import Sequence
+from collections import Counter
 from itertools import count, pairwise, takewhile
 from pathlib import Path
+from typing import Any
 
 import pytest
-from support.brokers import free_port, mosquitto
+from support.brokers import broker_here, free_port
 from support.certificates import Certificates
-from support.deliveries import NOBODY, Deliveries, number_of
+from support.deliveries import Deliveries, number_of
 from support.own_time import in_own_time
-from support.scripted_broker import BUSY, ScriptedBroker, end_connection, linked, numbers, scripted
-from support.servers import serving
+from support.scripted_broker import (
+    BUSY,
+    ScriptedBroker,
+    end_connection,
+    hearing,
+    linked,
+    numbers,
+    scripted,
+)
+from support.servers import proxied, serving
 from support.waiting import PATIENCE_S, kept_up, until
 
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.outbox import Outbox, send_all
-from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import publish
-from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import connection
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import WATCH_EVERY_S, MqttTransport
@@ -30,7 +36,6 @@ from plotfeed.feeds.transport.mqtt.connection import (
     KEEP_ALIVE_S,
     MAX_UNACKNOWLEDGED,
     MqttConnection,
-    MqttError,
 )
 from plotfeed.feeds.transport.mqtt.packets import acknowledgements, publish_packet
 from plotfeed.feeds.transport.mqtt.send_queue import (
@@ -38,7 +43,6 @@ from plotfeed.feeds.transport.mqtt.send_queue import (
     MAX_UNSENT_MESSAGES,
     MAX_UNSENT_OCTETS,
 )
-from plotfeed.proto import plotfeed_pb2 as pb
 
 
 @in_own_time
@@ -82,37 +86,6 @@ async def test_messages_of_qos_1_arrive_in_order_however_often_the_connection_is
         assert after[0] == before[-10]  # ten were unacknowledged
     assert heard[-1][-1] == every[-1]
     assert all(one == list(range(one[0], one[-1] + 1)) for one in heard)
-
-
-@pytest.mark.parametrize(
-    ("policy", "arrive", "given_up"),
-    [
-        ("drop-oldest", [*range(90, 100)], [*range(90)]),
-        ("drop-newest", [*range(10)], [*range(10, 100)]),
-        ("wait", [*range(100)], []),
-    ],
-)
-@pytest.mark.parametrize("qos", [0, 1])
-@in_own_time
-async def test_while_the_broker_is_gone_the_policy_says_what_waits(
-    policy: str, arrive: list[int], given_up: list[int], qos: int
-) -> None:
-    async with scripted(policy=policy, messages=10, acknowledges=True) as (
-        link,
-        broker,
-        deliveries,
-    ):
-        await end_connection(broker, link, code=BUSY)
-        deliveries.publish(link, 100, qos=qos)
-        assert link.waiting == len(arrive)
-        assert deliveries.given_up == given_up
-        assert link.is_full == (policy == "wait")
-        await until(lambda: len(broker.heard) > 3)
-        broker.code = 0
-        await until(lambda: broker.received == len(arrive))
-        await link.drain(PATIENCE_S)
-        assert numbers(broker.heard[-1]) == deliveries.delivered == arrive
-        assert not link.is_full
 
 
 @in_own_time
@@ -203,11 +176,8 @@ async def test_many_connections_leave_nothing_behind() -> None:
         clients = sum(isinstance(x, MqttConnection) for x in gc.get_objects())
         return clients, len(asyncio.all_tasks())
 
-    deliveries = Deliveries()
-    broker = ScriptedBroker()
-    ends = 0
-    async with linked(broker) as link:
-        before = None
+    async with scripted() as (link, broker, deliveries):
+        ends, before = 0, None
         deliveries.publish(link, 3)
         while link.connections < 30:
             await until(lambda: link.is_up and len(broker.unacknowledged) > 0)
@@ -226,15 +196,16 @@ async def test_many_connections_leave_nothing_behind() -> None:
         assert len(timers) < 50  # asyncio keeps some that are cancelled
 
 
-@pytest.mark.parametrize("window", [1, 5])
+@pytest.mark.parametrize(("window", "octets"), [(1, 10), (5, 10), (5, 10_001)])
 @in_own_time
-async def test_no_more_is_on_its_way_than_the_broker_takes_and_the_rest_waits(window: int) -> None:
-    async with scripted("a", "b", "c", properties=b"\x21" + window.to_bytes(2, "big")) as (
-        link,
-        broker,
-        deliveries,
-    ):
-        deliveries.publish(link, 50)
+async def test_no_more_is_on_its_way_than_may_be_and_the_rest_waits(
+    window: int, octets: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As many messages as the broker takes, as many octets as we do."""
+    monkeypatch.setattr(connection, "MAX_UNACKNOWLEDGED_OCTETS", 50_000)
+    properties = b"\x21" + window.to_bytes(2, "big") if octets == 10 else b""
+    async with scripted("a", "b", "c", properties=properties) as (link, broker, deliveries):
+        deliveries.publish(link, 50, octets=octets)
         while broker.received < 50:
             await until(lambda: len(broker.unacknowledged) == window)
             assert link.waiting == 50 - broker.received
@@ -249,21 +220,6 @@ async def test_no_more_is_on_its_way_than_the_broker_takes_and_the_rest_waits(wi
         await draining
         assert deliveries.delivered == list(range(50))
         assert numbers(broker.heard[0]) == list(range(50))
-
-
-@in_own_time
-async def test_no_more_octets_are_on_their_way_than_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection, "MAX_UNACKNOWLEDGED_OCTETS", 50_000)
-    async with scripted() as (link, broker, deliveries):
-        for _ in range(3):
-            deliveries.publish(link, 9, octets=10_001)
-            await until(lambda: len(broker.unacknowledged) == 5)
-            assert link.waiting == 4
-            broker.acknowledge(5)
-            await until(lambda: len(broker.unacknowledged) == 4)
-            broker.acknowledge(4)
-            await link.drain(PATIENCE_S)
-    assert deliveries.delivered == list(range(27))
 
 
 @in_own_time
@@ -282,10 +238,8 @@ async def test_what_waits_is_bounded_and_leaves_qos_0_alone() -> None:
 @pytest.mark.parametrize("secured", [False, True])
 @in_own_time
 async def test_a_broker_that_has_stalled_is_given_no_more(secured: bool, tmp_path: Path) -> None:
-    deliveries = Deliveries()
-    broker = ScriptedBroker(reads=False)
     tls = Certificates(tmp_path) if secured else None
-    async with linked(broker, tls=tls) as link:
+    async with scripted(tls=tls, reads=False) as (link, _, deliveries):
         while not deliveries.given_up:
             deliveries.publish(link, 1, qos=0, octets=1 << 20)
             await asyncio.sleep(0)
@@ -301,25 +255,14 @@ async def test_a_broker_that_has_stalled_is_given_no_more(secured: bool, tmp_pat
     assert len(deliveries.delivered) + len(deliveries.given_up) == len(deliveries.made)
 
 
-@in_own_time
-async def test_small_messages_that_a_socket_does_not_take_are_bounded_by_their_number() -> None:
-    async with scripted(reads=False) as (link, _, deliveries):
-        while not deliveries.unsettled:
-            deliveries.publish(link, 1, qos=0, octets=1 << 18)
-        deliveries.publish(link, 2 * MAX_UNSENT_MESSAGES, qos=0)
-        assert len(deliveries.unsettled) <= MAX_UNSENT_MESSAGES
-        assert len(deliveries.given_up) >= MAX_UNSENT_MESSAGES
-
-
 @pytest.mark.parametrize("secured", [False, True])
 @in_own_time
 async def test_what_had_to_wait_for_a_slow_socket_arrives_in_order(
     secured: bool, tmp_path: Path
 ) -> None:
-    deliveries = Deliveries()
-    broker = ScriptedBroker(acknowledges=True)
+    more: dict[str, Any] = {"acknowledges": True, "policy": "drop-newest", "messages": 1000}
     tls = Certificates(tmp_path) if secured else None
-    async with linked(broker, tls=tls, policy="drop-newest", messages=1000) as link:
+    async with scripted(tls=tls, **more) as (link, broker, deliveries):
         for qos in (0, 1, 0):
             deliveries.publish(link, 60, qos=qos, octets=1 << 18)
             assert link.waiting > 0
@@ -433,14 +376,6 @@ async def test_a_broker_that_may_be_waited_for_is_waited_for_and_that_is_told(
 
 
 @in_own_time
-async def test_a_refusal_is_told_in_words() -> None:
-    for code, words in ((0x8A, "banned"), (0x84, "unsupported protocol"), (0x99, "payload")):
-        with pytest.raises(MqttError, match=f"it refuses: {words}"):
-            async with linked(ScriptedBroker(code=code)):
-                pass
-
-
-@in_own_time
 async def test_messages_that_come_together_are_acknowledged_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -459,29 +394,6 @@ async def test_messages_that_come_together_are_acknowledged_together(
         link.abort()
     assert heard == [b"x"] * 50
     assert written == [acknowledgements(range(1, 51))]
-
-
-@pytest.mark.asyncio
-async def test_however_long_properties_are_the_connection_to_mosquitto_stays(
-    tmp_path: Path,
-) -> None:
-    port = free_port()
-    heard: list[bytes] = []
-    with mosquitto(tmp_path, port):
-        link = MqttTransport(
-            BrokerAddress("127.0.0.1", port, (5,)),
-            "test",
-            subscribe=["a"],
-            on_message=lambda _topic, payload, _type: heard.append(payload),
-        )
-        async with link.connected(PATIENCE_S):
-            payloads = [str(n).encode() for n in (100, 127, 128, 200, 16_383, 16_384, 60_000)]
-            for payload in payloads:
-                pairs = [("k", "v" * (int(payload) - 6))]
-                message = Message("a", payload, "", 0, properties=pairs, qos=1)
-                publish([link], [message.again(NOBODY, 1)])
-            await until(lambda: heard == payloads)
-            assert link.connections == 1
 
 
 @in_own_time
@@ -513,8 +425,7 @@ async def test_a_broker_that_says_nothing_is_gone_unless_its_socket_moves() -> N
 async def test_a_broker_that_breaks_the_rules_is_left_with_a_word_and_tried_again(
     caplog: pytest.LogCaptureFixture, kind: int, body: bytes, why: str
 ) -> None:
-    broker, deliveries = ScriptedBroker(), Deliveries()
-    async with linked(broker) as link:
+    async with scripted() as (link, broker, deliveries):
         deliveries.publish(link, 1)
         await until(lambda: broker.received == 1)
         broker.send(kind, body)
@@ -525,84 +436,93 @@ async def test_a_broker_that_breaks_the_rules_is_left_with_a_word_and_tried_agai
     assert f"(it does not keep to MQTT: {why})" in line
 
 
-CLIENTS, EACH = 20, 2
-
-
-def passed(messages: Sequence[Message]) -> Sequence[Message]:
-    """The same messages again, after a link that does nothing."""
-    link = Uplink(None, 1, "radar")
-    return link.passed([message.again() for message in messages])
-
-
-class Clients:
-    """Who sends over one link, and the fates that they were told of."""
-
-    def __init__(self, link: MqttTransport) -> None:
-        self.totals = SessionCounters()
-        clock = WallClock()
-        self.outboxes = [Outbox(clock, [link], totals=self.totals) for _ in range(CLIENTS)]
-        self.fates: list[list[pb.Fate]] = [[] for _ in range(CLIENTS)]
-        self.sent: list[bytes] = []
-
-    def send(self, octets: int, qos: int = 0) -> None:
-        """What is due at one time: two messages of each, numbered through all."""
-        departures = []
-        for i, outbox in enumerate(self.outboxes):
-            messages = []
-            for _ in range(EACH):
-                payload = len(self.sent).to_bytes(4, "big").ljust(octets, b"\0")
-                messages.append(
-                    Message(topic=f"t{i}", payload=payload, content_type="x", due_utc_ns=0, qos=qos)
-                )
-                self.sent.append(payload)
-            outgoing = passed(messages)
-            departures.append((outbox, outgoing, (i, outgoing)))
-        send_all(departures, self._keep)
-
-    def _keep(self, complete: Sequence[tuple[int, Sequence[Message]]]) -> None:
-        for i, outgoing in complete:
-            self.fates[i] += [one.fate for one in outgoing]
-
-    @property
-    def told(self) -> int:
-        return sum(map(len, self.fates))
-
-
 @pytest.mark.parametrize("octets", [50, 60_000])
 @in_own_time
-async def test_all_arrives_in_order_whether_it_fits_into_the_socket_or_not(octets: int) -> None:
-    broker = ScriptedBroker()
-    async with linked(broker) as link:
-        clients = Clients(link)
+async def test_what_leaves_together_arrives_in_order_whether_the_socket_takes_it_or_not(
+    octets: int,
+) -> None:
+    async with scripted() as (link, broker, deliveries):
         for _ in range(3):
-            clients.send(octets)
-        await until(lambda: clients.told == len(clients.sent))
-        await until(lambda: broker.received == len(clients.sent))
-    assert broker.heard == [clients.sent]
-    assert all(fates == [pb.SENT] * 3 * EACH for fates in clients.fates)
-    assert clients.totals.messages == len(clients.sent)
+            publish([link], [deliveries.make(qos=0, octets=octets) for _ in range(40)])
+        await until(lambda: broker.received == 120)
+    assert numbers(broker.heard[0]) == deliveries.delivered == list(range(120))
 
 
 @in_own_time
 async def test_what_a_stalled_broker_leaves_in_the_socket_is_undelivered_when_it_is_gone() -> None:
-    """What had left before is sent; whoever was told of the one is not told of the other."""
-    broker = ScriptedBroker(reads=False)
-    octets = 100_000
-    async with linked(broker) as link:
-        clients = Clients(link)
-        while clients.totals.undelivered == 0:  # the socket is full, and then its buffer
-            clients.send(octets)
-        assert 0 < clients.told < len(clients.sent)
-        assert len(clients.sent) * octets > MAX_UNSENT_OCTETS
-        before = clients.totals.messages
+    """What had left before is sent, and nothing is told of twice."""
+    async with scripted(reads=False) as (link, broker, deliveries):
+        while not deliveries.given_up:  # the socket is full, and then its buffer
+            publish([link], [deliveries.make(qos=0, octets=100_000) for _ in range(40)])
+        before = len(deliveries.delivered)
+        assert len(deliveries.made) * 100_000 > MAX_UNSENT_OCTETS
+        assert deliveries.unsettled
+        deliveries.publish(link, 2 * MAX_UNSENT_MESSAGES, qos=0)  # small ones have a bound, too
+        assert len(deliveries.unsettled) <= MAX_UNSENT_MESSAGES
         await end_connection(broker, link, code=BUSY)
-        await until(lambda: clients.told == len(clients.sent))
-        assert link.waiting == 0
-    totals = clients.totals
-    assert totals.messages >= before > 0
-    assert totals.messages + totals.undelivered == len(clients.sent)
-    fates = [fate for row in clients.fates for fate in row]
-    assert (fates.count(pb.SENT), fates.count(pb.UNDELIVERED)) == (
-        totals.messages,
-        totals.undelivered,
-    )
+        assert (deliveries.unsettled, link.waiting) == ([], 0)
+    assert len(deliveries.delivered) >= before > 0
+
+
+async def publish_slowly(deliveries: Deliveries, link: MqttTransport, n: int, **how: int) -> None:
+    """In small bursts, with the network at work in between."""
+    for start in range(0, n, 20):
+        deliveries.publish(link, min(20, n - start), **how)
+        await asyncio.sleep(0.001)
+
+
+async def drained(link: MqttTransport) -> None:
+    await link.drain(PATIENCE_S)
+    assert link.waiting == 0
+
+
+@pytest.mark.parametrize(
+    ("silently", "policy"),
+    [(False, "drop-oldest"), (False, "drop-newest"), (False, "wait"), (True, "wait")],
+)
+@in_own_time
+async def test_a_cut_network_costs_what_the_policy_gives_up(
+    silently: bool, policy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing comes through; then the connection is reset, or nobody says anything at all."""
+
+    async def speaks_no_tls(_address: BrokerAddress) -> bool:
+        return False  # without a look, which the proxy would count as a connection of the link
+
+    monkeypatch.setattr(connection, "_speaks_tls", speaks_no_tls)
+    deliveries = Deliveries()
+    queue = MqttQueueKeys.model_validate({"policy": policy, "messages": 50})
+    async with broker_here() as port, hearing(port, "t") as ears, proxied(port) as proxy:
+        link = MqttTransport(BrokerAddress("127.0.0.1", proxy.port, (5,)), "test", queue=queue)
+        async with link.connected(PATIENCE_S):
+            for _ in range(5):
+                await publish_slowly(deliveries, link, 20)
+                await drained(link)
+            proxy.hold()
+            proxy.is_closed = True
+            await publish_slowly(deliveries, link, 200, octets=1 << 14)
+            assert link.is_up
+            if not silently:
+                proxy.cut()
+            await until(lambda: not link.is_up)
+            await publish_slowly(deliveries, link, 100)
+            assert link.waiting <= 300
+            assert link.is_full == (policy == "wait")
+            proxy.is_closed = False
+            await until(lambda: link.is_up)
+            await drained(link)
+            await publish_slowly(deliveries, link, 20)
+            await drained(link)
+            assert link.connections == proxy.connections == 2
+        await until(lambda: number_of(ears[-1][1]) == 419)
+    heard = [number_of(payload) for _, payload in ears]
+    delivered, given_up = {*deliveries.delivered}, {*deliveries.given_up}
+    assert delivered <= {*heard} <= delivered | given_up
+    assert delivered | given_up == set(range(420))
+    assert all(100 <= n < 300 for n, times in Counter(heard).items() if times > 1)
+    assert all(a < b for a, b in pairwise(dict.fromkeys(heard)))
+    if policy == "wait":
+        assert given_up == set()
+    else:
+        assert {*range(100)} | {*range(400, 420)} <= delivered
+        assert (399 in delivered) == (policy == "drop-oldest")

@@ -126,6 +126,8 @@ def test_what_is_asked_of_a_broker_is_what_an_independent_client_asks(
 
 
 @given(messages, versions, ids)
+@example(Message("a", b"", "", 0, [("k", "v" * 120)]), 5, 1)
+@example(Message("a", b"", "", 0, [("k", "v" * 60_000)]), 5, 1)
 def test_a_publication_is_what_an_independent_client_reads_and_makes(
     message: Message, version: int, number: int
 ) -> None:
