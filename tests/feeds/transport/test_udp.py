@@ -1,4 +1,4 @@
-"""ASTERIX by UDP, as an ordinary socket receives it, and as Wireshark reads it."""
+"""ASTERIX by UDP, as an ordinary socket receives it."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import errno
 import os
 import socket
 import struct
-import subprocess
 from pathlib import Path
 
 import pytest
+from support import sessions
 from support.brokers import free_port, has_ipv6
 from support.command import plotfeed_here
 from support.deliveries import taken
 from support.scene_files import radar, scene_file
-from support.tools import needed
 from support.udp_receiver import (
     LOOPBACK_INTERFACE,
     destination,
@@ -29,19 +28,20 @@ from support.udp_receiver import (
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.scene.scene import SceneError, load
-from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.udp import UdpTransport
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.ledger import entries_in
 
 needs_ipv6 = pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
 # Of this machine or this interface alone, as far as scopes are kept.
 GROUP_4, GROUP_6 = "239.255.77.77", "ff11::7:7"
-IP_RECVTTL = 12  # Of Linux, and unknown to Python
+# Options that tell how far a datagram may still go; 12 is IP_RECVTTL of Linux.
+OF_HOPS = (
+    (socket.IPPROTO_IP, 12, socket.IP_TTL),
+    (socket.IPPROTO_IPV6, socket.IPV6_RECVHOPLIMIT, socket.IPV6_HOPLIMIT),
+)
 
 
 def asterix(sent: list[Message], *sensors: str) -> list[bytes]:
@@ -52,55 +52,34 @@ def asterix(sent: list[Message], *sensors: str) -> list[bytes]:
     ]
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", pytest.param("::1", marks=needs_ipv6)])
+@pytest.mark.parametrize(
+    ("host", "max_octets"), [("127.0.0.1", 64), pytest.param("::1", 1400, marks=needs_ipv6)]
+)
 @pytest.mark.asyncio
-async def test_what_is_asterix_goes_out_in_the_order_in_which_it_left(
-    tmp_path: Path, host: str
+async def test_what_is_asterix_goes_out_in_order_in_whole_blocks_no_larger_than_asked(
+    tmp_path: Path, host: str, max_octets: int
 ) -> None:
-    with receiver(host) as ears:
-        totals, sent, got = await simulated(
-            tmp_path, scene_with(destination(place(ears))), listener=ears
-        )
-    assert got == asterix(sent)
-    assert totals.undelivered == 0
-    categories = [datagram[0] for datagram in got]
-    assert {34, 48} == set(categories)
-    # A sector's plots come before the service message that ends it: both bear a time of day.
-    ends = 0.0
-    for datagram in got:
-        records, errors = decode_lenient(datagram)
-        assert not errors
-        for record in records:
-            seconds = record.get(
-                f"I{record.category:03d}/{'030' if record.category == 34 else 140}"
-            )
-            assert isinstance(seconds, float)
-            if record.category == 34:
-                assert seconds >= ends
-                ends = seconds
-            else:
-                assert seconds >= ends
-
-
-@pytest.mark.parametrize("max_octets", [64, 1400])
-@pytest.mark.asyncio
-async def test_every_datagram_is_whole_blocks_and_no_larger_than_asked(
-    tmp_path: Path, max_octets: int
-) -> None:
+    """A sector's plots come before the service message that ends it; both bear a time of day."""
     crowded = radar(period_s=0.5, sectors=4, more="doppler_cells = 200")
-    with receiver() as ears:
+    with receiver(host) as ears:
         text = scene_with(destination(place(ears), max_octets=max_octets), crowded)
         totals, sent, got = await simulated(tmp_path, text, 2.0, ears)
     assert got == asterix(sent)
-    assert max(map(len, got)) <= max_octets
-    assert max(map(len, got)) > max_octets * 0.7
-    found = 0
+    assert totals.undelivered == 0
+    assert max_octets * 0.7 < max(map(len, got)) <= max_octets
+    plots, ends = 0, 0.0
     for datagram in got:
         assert len(datagram) == int.from_bytes(datagram[1:3], "big")  # one block and nothing more
         records, errors = decode_lenient(datagram)
         assert not errors
-        found += sum(record.category == 48 for record in records)
-    assert found == totals.plots
+        for record in records:
+            is_plot = record.category == 48
+            seconds = record.get("I048/140" if is_plot else "I034/030")
+            assert isinstance(seconds, float)
+            assert seconds >= ends
+            plots, ends = plots + is_plot, ends if is_plot else seconds
+    assert {datagram[0] for datagram in got} == {34, 48}
+    assert plots == totals.plots > 0
 
 
 @pytest.mark.asyncio
@@ -148,18 +127,13 @@ async def test_a_group_is_reached_by_the_interface_of_the_scene(
 def test_datagrams_may_go_as_far_as_the_scene_says(group: str, ttl: int) -> None:
     host = "::1" if ":" in group else "127.0.0.1"
     with receiver(host, group) as ears:
-        level, wanted, kind = socket.IPPROTO_IP, IP_RECVTTL, socket.IP_TTL
-        if ":" in group:
-            level, wanted = socket.IPPROTO_IPV6, socket.IPV6_RECVHOPLIMIT
-            kind = socket.IPV6_HOPLIMIT
+        level, wanted, kind = OF_HOPS[":" in group]
         ears.setsockopt(level, wanted, 1)
         settings = UdpDestination(destination=place(ears), ttl=ttl, interface=interface_of(group))
         link = UdpTransport(settings)
         link.open()
-        try:
-            assert taken(link, block())
-        finally:
-            link.close()
+        assert taken(link, block())
+        link.close()
         data, extra, _, _ = ears.recvmsg(100, 100)
     assert data == block().payload
     ((found_level, found_kind, packed),) = extra
@@ -180,11 +154,9 @@ def test_what_the_system_does_not_take_is_not_delivered() -> None:
     link = UdpTransport(UdpDestination(destination="127.0.0.1:8600"))
     assert not taken(link, block())  # not open
     link.open()
-    try:
-        assert not taken(link, block(65_535))  # no datagram is as large
-        assert taken(link, block())
-    finally:
-        link.close()
+    assert not taken(link, block(65_535))  # no datagram is as large
+    assert taken(link, block())
+    link.close()
     link.close()
 
 
@@ -262,26 +234,22 @@ def no_route(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("plotfeed.feeds.transport.udp.socket.socket", Unrouted)
 
 
-@pytest.mark.asyncio
-async def test_a_destination_without_a_route_takes_nothing_from_others(
+def test_a_destination_without_a_route_takes_nothing_from_others(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, no_route: None
 ) -> None:
     """What arrived elsewhere was sent; who did not get it is told by name, and once in the log."""
     with receiver() as ears:
         udp = destination(place(ears)) + destination(NO_ROUTE)
-        entries, scene = Entries(), load(scene_file(tmp_path, scene_with(udp)))
-        clock = InstantClock(scene.scene.start_utc_ns)
-        totals = await run(scene, clock=clock, broker="none", duration_s=4.0, observers=[entries])
+        seen = sessions.simulated(load(scene_file(tmp_path, scene_with(udp))), 4.0)
         got = heard(ears)
     name = f"udp[1] {NO_ROUTE}"
-    sent = [one for entry in entries.made for one in entry.messages]
-    of_asterix = [one for one in sent if "/asterix/" in one.topic]
+    of_asterix = [one for one in seen.sent if "/asterix/" in one.topic]
     assert len(got) == len(of_asterix) > 10
-    assert {one.fate for one in sent} == {pb.SENT}
+    assert {one.fate for one in seen.sent} == {pb.SENT}
     assert {(*one.not_to,) for one in of_asterix} == {(name,)}
-    assert {(*one.not_to,) for one in sent if one not in of_asterix} == {()}
-    assert (totals.undelivered, totals.undelivered_to) == (0, {name: len(got)})
-    assert totals.messages == len(sent)
+    assert {(*one.not_to,) for one in seen.sent if one not in of_asterix} == {()}
+    assert (seen.totals.undelivered, seen.totals.undelivered_to) == (0, {name: len(got)})
+    assert seen.totals.messages == len(seen.sent)
     (line,) = [r.getMessage() for r in caplog.records]
     assert line == f"{name} gets nothing: Network is unreachable; others do"
 
@@ -290,68 +258,3 @@ async def test_a_destination_without_a_route_takes_nothing_from_others(
 async def test_what_no_destination_got_is_undelivered(tmp_path: Path, no_route: None) -> None:
     totals, _, _ = await simulated(tmp_path, scene_with(destination(NO_ROUTE)))
     assert totals.undelivered == totals.undelivered_to[f"udp[0] {NO_ROUTE}"] > 10
-
-
-class Entries(Observer):
-    """Of the ledger."""
-
-    def __init__(self) -> None:
-        self.made: list[pb.Ledger] = []
-
-    def ledger(self, message: Message) -> None:
-        self.made += entries_in(message.payload)
-
-
-ASTERIX_PORT = 8600
-RAW_IP = 101
-
-
-def captured(datagrams: list[bytes]) -> bytes:
-    """A pcap of these as UDP over IPv4, one every millisecond."""
-    capture = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 1 << 16, RAW_IP)
-    for n, payload in enumerate(datagrams):
-        udp = struct.pack(">HHHH", 40_000, ASTERIX_PORT, 8 + len(payload), 0) + payload
-        here = bytes([127, 0, 0, 1])
-        ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), n, 0, 64, 17, 0) + here + here
-        packet = ip + udp
-        capture += struct.pack("<IIII", n // 1000, n % 1000 * 1000, len(packet), len(packet))
-        capture += packet
-    return capture
-
-
-def dissected(folder: Path, datagrams: list[bytes], *fields: str) -> list[list[str]]:
-    """The fields of each packet, those that occur more than once joined by commas."""
-    program = needed("tshark")
-    path = folder / "run.pcap"
-    path.write_bytes(captured(datagrams))
-    wanted = [word for field in fields for word in ("-e", field)]
-    words = [program, "-n", "-r", str(path), "-d", f"udp.port=={ASTERIX_PORT},asterix"]
-    done = subprocess.run(
-        [*words, "-T", "fields", *wanted], capture_output=True, text=True, check=True, timeout=120
-    )
-    return [line.split("\t") for line in done.stdout.splitlines()]
-
-
-@pytest.mark.asyncio
-async def test_wireshark_reads_every_datagram_of_a_run(tmp_path: Path) -> None:
-    with receiver() as ears:
-        text = scene_with(destination(place(ears), max_octets=200), radar(more="sac = 25\nsic = 3"))
-        totals, _, got = await simulated(tmp_path, text, 5.0, ears)
-    items = (f"asterix.{name}" for name in ("048_010_SAC", "048_040_RHO", "034_010_SIC"))
-    complaints_of = ("_ws.malformed", "_ws.expert.message")
-    head = ("asterix.category", "asterix.length")
-    read = dissected(tmp_path, got, *head, *items, *complaints_of)
-    assert len(read) == len(got)
-    plots = 0
-    for (category, length, sac, rho, sic, *complaints), datagram in zip(read, got, strict=True):
-        assert (int(category), int(length)) == (datagram[0], len(datagram))
-        assert complaints == ["", ""]
-        records, _ = decode_lenient(datagram)
-        if datagram[0] == 48:
-            assert {int(value, 0) for value in sac.split(",")} == {25}
-            ours = [record.get("I048/040/RHO") for record in records]
-            assert [float(value) for value in rho.split(",")] == pytest.approx(ours)
-            plots += len(ours)
-        else:
-            assert int(sic, 0) == 3
-    assert plots == totals.plots > 0

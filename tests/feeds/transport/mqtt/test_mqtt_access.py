@@ -8,6 +8,8 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +17,19 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.brokers import free_port, has_ipv6, mosquitto, password_file
+from support.brokers import free_port, has_ipv6, mosquitto, password_file, wait_until_listening
 from support.certificates import Certificates, Pair
 from support.command import plotfeed, plotfeed_here, running
 from support.own_time import in_own_time
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import kept_up, until
 
-from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
-from plotfeed.feeds.scene.scene import SceneError, load
+from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys, MqttQueueKeys
+from plotfeed.feeds.scene.scene import SceneError, from_tree, load
+from plotfeed.feeds.transport.brokers import broker_address
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.mqtt.address import (
+    VERSIONS,
     AccessError,
     AddressError,
     BrokerAccess,
@@ -245,12 +249,15 @@ def test_files_that_are_no_keys_are_named(certificates: Certificates, tmp_path: 
         assert str(caught.value).removeprefix("client ") == text.removeprefix("client ")
 
 
-def test_the_environment_stands_before_the_file(
+def test_the_environment_stands_before_the_file_and_the_scene_before_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "credentials.toml"
-    path.write_text('username = "file"\npassword = "of the file"\n')
+    path, own = tmp_path / "credentials.toml", BrokerAccess(key_file=Path("own.pem"), version="5")
     assert BrokerAccess().with_credentials(None) == BrokerAccess()
+    path.write_text(
+        'username = "file"\npassword = "of the file"\n'
+        'ca_file = "ca.pem"\nclient_key_file = "/a/key.pem"\nversion = "3.1.1"\n'
+    )
     for name, value, expected in (
         ("", "", ("file", "of the file")),
         ("PLOTFEED_MQTT_PASSWORD", PASSWORD, ("file", PASSWORD)),
@@ -260,23 +267,45 @@ def test_the_environment_stands_before_the_file(
             monkeypatch.setenv(name, value)
         found = BrokerAccess().with_credentials(path)
         assert (found.username, found.password) == expected
+        assert (found.ca_file, found.key_file) == (tmp_path / "ca.pem", Path("/a/key.pem"))
+        assert BrokerAddress.parse("mqtts://here", access=found).versions == (4,)
+    found = own.with_credentials(path)
+    assert (found.key_file, found.version) == (Path("own.pem"), "5")
     monkeypatch.delenv("PLOTFEED_MQTT_PASSWORD")
     found = BrokerAccess().with_credentials(None)
     assert (found.username, found.password) == (ME, None)
 
 
-@pytest.mark.parametrize(
-    ("name", "password"), [("", "a secret"), (ME, "a secret\udcff"), (ME, "a secret" * 10_000)]
-)
-def test_credentials_that_mqtt_cannot_carry_are_refused(
-    name: str, password: str, monkeypatch: pytest.MonkeyPatch
+NOT_READ = [
+    'username = "me"\npassword = secret',
+    'password = "secret"',
+    "username = 5",
+    "",
+    'ca = "secret"',
+    'version = "4"',
+]
+NOT_CARRIED = [("", "a secret"), (ME, "a secret\udcff"), (ME, "a secret" * 10_000)]
+
+
+def test_credentials_that_cannot_be_read_or_carried_are_one_line_without_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", password)
-    if name:
-        monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", name)
-    with pytest.raises(AccessError) as caught:
-        BrokerAccess().with_credentials(None)
-    assert "secret" not in str(caught.value)
+    path = tmp_path / "credentials.toml"
+    for text in NOT_READ:
+        path.write_text(text)
+        with pytest.raises(AccessError) as caught:
+            BrokerAccess().with_credentials(path)
+        assert "secret" not in str(caught.value)
+        assert str(path) in str(caught.value)
+    assert "version: expected one of 5, 3.1.1, any" in str(caught.value)
+    for name, password in NOT_CARRIED:
+        monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", password)
+        if name:
+            monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", name)
+        with pytest.raises(AccessError) as caught:
+            BrokerAccess().with_credentials(None)
+        assert "secret" not in str(caught.value)
+    assert "secret" not in repr(BrokerAccess(username="me", password="secret"))  # noqa: S106
 
 
 def test_topics_and_prefixes_that_no_broker_takes_are_refused(tmp_path: Path) -> None:
@@ -328,37 +357,60 @@ def test_arbitrary_text_is_an_address_or_none(url: str) -> None:
         assert 0 < address.port < 65536
 
 
-def test_credentials_that_cannot_be_read_are_one_line_without_them(tmp_path: Path) -> None:
-    path = tmp_path / "credentials.toml"
-    for text in (
-        'username = "me"\npassword = secret',
-        'password = "secret"',
-        "username = 5",
-        "",
-        'ca = "secret"',
-    ):
-        path.write_text(text)
-        with pytest.raises(AccessError) as caught:
-            BrokerAccess().with_credentials(path)
-        assert "secret" not in str(caught.value)
-        assert str(path) in str(caught.value)
-    assert "secret" not in repr(BrokerAccess(username="me", password="secret"))  # noqa: S106
+# What docs/mqtt.md and docs/udp.md tell to write down.
+
+DOCS = Path(__file__).parents[4] / "docs"
+REST = """
+[scene]
+name = "pages"
+seed = 1
+site = { latitude_deg = 40.0, longitude_deg = -3.0, height_m = 0.0 }
+[[sensor]]
+id = "radar"
+type = "active_radar"
+preset = "echodyne"
+"""
 
 
-def test_a_file_of_credentials_holds_what_a_scene_can_say_and_the_scene_stands_before_it(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "credentials.toml"
-    path.write_text('ca_file = "ca.pem"\nclient_key_file = "/a/key.pem"\nversion = "3.1.1"\n')
-    found = BrokerAccess(key_file=Path("own.pem")).with_credentials(path)
-    assert found == BrokerAccess(
-        ca_file=tmp_path / "ca.pem", key_file=Path("own.pem"), version="3.1.1"
-    )
-    assert BrokerAddress.parse("mqtts://here", access=found).versions == (4,)
-    assert BrokerAccess(version="5").with_credentials(path).version == "5"
-    path.write_text('version = "4"\n')
-    with pytest.raises(AccessError, match=r"version: expected one of 5, 3\.1\.1, any"):
-        BrokerAccess().with_credentials(path)
+def blocks(page: str, kind: str = "") -> list[str]:
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", (DOCS / page).read_text(), re.M | re.S)
+    return [text for its_kind, text in found if its_kind == kind]
+
+
+def test_the_tables_of_the_pages_are_tables_of_a_scene(tmp_path: Path) -> None:
+    limits, mqtt, credentials, queue = blocks("mqtt.md", "toml")
+    assert from_tree(tomllib.loads(REST + limits), tmp_path / "scene.toml").mqtt.broker is None
+    (udp,) = blocks("udp.md", "toml")
+    scene = from_tree(tomllib.loads(REST + mqtt + queue + udp), tmp_path / "scene.toml")
+    assert len(scene.udp) == 3
+    assert scene.mqtt.queue.policy == "drop-oldest"
+    assert [scene.mqtt.queue.limit(qos) for qos in (0, 1)] == [2000, 2000]
+    assert [MqttQueueKeys().limit(qos) for qos in (0, 1)] == [0, 10_000]
+    (tmp_path / "credentials.toml").write_text(credentials)
+    assert scene.mqtt.broker is not None
+    address = broker_address(scene, scene.mqtt.broker)
+    assert str(address) == "mqtts://broker.example:8883"
+    assert address.access.username == "plotfeed"
+    assert address.access.ca_file == tmp_path / "ca.pem"
+    assert address.versions == VERSIONS["any"]
+
+
+def test_the_settings_for_mosquitto_are_settings_of_mosquitto(tmp_path: Path) -> None:
+    (text,) = (block for block in blocks("mqtt.md") if "listener 8883" in block)
+    secured, browsers = free_port(), free_port()
+    keys = Certificates(tmp_path)
+    for written, here in {
+        "listener 8883": f"listener {secured} 127.0.0.1",
+        "listener 9001": f"listener {browsers} 127.0.0.1",
+        "/etc/mosquitto/passwords": password_file(tmp_path, "plotfeed", "x"),
+        "/etc/mosquitto/broker.pem": keys.broker.certificate,
+        "/etc/mosquitto/broker.key": keys.broker.key,
+        "/etc/mosquitto/ca.pem": keys.ca,
+    }.items():
+        assert written in text
+        text = text.replace(written, str(here))
+    with mosquitto(tmp_path, secured, text, per_listener=False):
+        wait_until_listening(browsers)
 
 
 # Whole commands, through a broker that asks for a certificate and a password.

@@ -21,10 +21,6 @@ from plotfeed.feeds.transport.mqtt.send_queue import SendQueue, SocketBuffer
 POLICIES = ["drop-oldest", "drop-newest", "wait"]
 
 
-def client() -> Outbox:
-    return Outbox(InstantClock(0), [])
-
-
 class Bench:
     """A queue, its deliveries, and a time that only the test moves."""
 
@@ -34,9 +30,8 @@ class Bench:
         queue = MqttQueueKeys.model_validate(settings)
         self.queue = SendQueue(queue, qos, "MQTT", lambda: self.now_s)
 
-    def put(self, n: int = 1, **how: object) -> None:
-        for _ in range(n):
-            self.queue.put(self.deliveries.make(**how))  # type: ignore[arg-type]
+    def put(self, **how: object) -> None:
+        self.queue.put(self.deliveries.make(**how))  # type: ignore[arg-type]
 
     def take(self) -> Message | None:
         return self.queue.take()
@@ -113,13 +108,31 @@ def test_it_does_what_the_simplest_queue_would_do(
         assert len(bench.deliveries.given_up) == len(bench.deliveries.made) - len(sent)
 
 
-def test_of_retained_messages_the_newest_on_each_topic_waits() -> None:
-    bench = Bench(policy="wait", messages=100)
-    for topic in "abacab":
-        bench.put(topic=topic, retain=True)
-    bench.put(topic="a")
-    assert bench.deliveries.given_up == [0, 1, 2]
-    assert bench.take_all() == [3, 4, 5, 6]
+# Policy and room of a queue; what is put in turn, retained on a topic of a capital letter; what is
+# given up of it.
+RETAINED = [
+    ("wait", 100, "ABACABa", [0, 1, 2]),  # the newest on each topic waits
+    ("drop-newest", 2, "AxAx", [0, 3]),  # in the room of the older
+    # What is retained takes the place of what passes.
+    ("drop-oldest", 3, "SxxT", [0]),
+    ("drop-newest", 3, "SxxT", [2]),
+    ("wait", 3, "SxxT", [2]),
+    ("drop-oldest", 2, "ABC", [0]),
+    ("drop-newest", 2, "ABC", [2]),
+    ("wait", 2, "ABC", [2]),
+]
+
+
+@pytest.mark.parametrize(("policy", "messages", "put", "given_up"), RETAINED)
+def test_what_is_retained_gives_way_to_newer_of_its_topic_and_to_nothing_that_passes(
+    policy: str, messages: int, put: str, given_up: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(send_queue, "OVERRUN", 0)
+    bench = Bench(policy=policy, messages=messages)
+    for topic in put:
+        bench.put(topic=topic, retain=topic.isupper())
+    assert bench.deliveries.given_up == given_up
+    assert bench.take_all() == [n for n in range(len(put)) if n not in given_up]
 
 
 def test_a_retained_message_that_comes_back_gives_way_to_a_newer_one() -> None:
@@ -133,39 +146,11 @@ def test_a_retained_message_that_comes_back_gives_way_to_a_newer_one() -> None:
     assert bench.take_all() == [1, 2]
 
 
-def test_a_newer_retained_message_takes_the_room_of_the_older() -> None:
-    bench = Bench(policy="drop-newest", messages=2)
-    bench.put(topic="a", retain=True)
-    bench.put(topic="x")
-    bench.put(topic="a", retain=True)
-    bench.put(topic="x")
-    assert bench.deliveries.given_up == [0, 3]
-    assert bench.take_all() == [1, 2]
-
-
-@pytest.mark.parametrize("policy", POLICIES)
-def test_what_is_retained_takes_the_place_of_what_passes(
-    policy: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(send_queue, "OVERRUN", 0)
-    bench = Bench(policy=policy, messages=3)
-    bench.put(topic="status", retain=True)
-    bench.put(2, topic="x")
-    bench.put(topic="settings", retain=True)
-    gone = {"drop-oldest": 0}.get(policy, 2)
-    assert bench.deliveries.given_up == [gone]
-    assert bench.take_all() == [n for n in range(4) if n != gone]
-    bench = Bench(policy=policy, messages=2)
-    for topic in "abc":
-        bench.put(topic=topic, retain=True)
-    assert bench.deliveries.given_up == [{"drop-oldest": 0}.get(policy, 2)]
-
-
 @pytest.mark.parametrize("policy", POLICIES)
 def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(send_queue, "OVERRUN", 0)
     bench = Bench(policy=policy, messages=3)
-    loud, quiet = client(), client()
+    loud, quiet = (Outbox(InstantClock(0), []) for _ in "lq")
     made: dict[int, Outbox] = {}
     for i in range(40):
         delivery = bench.deliveries.make(retain=i == 4, topic="status")
@@ -182,7 +167,7 @@ def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.Mo
 
 def test_messages_of_all_clients_leave_in_their_order_also_when_they_come_back() -> None:
     bench = Bench()
-    clients = [client() for _ in range(3)]
+    clients = [Outbox(InstantClock(0), []) for _ in range(3)]
     for i in range(12):
         delivery = bench.deliveries.make()
         delivery.client = clients[i * 7 % 3]
