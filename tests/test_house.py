@@ -1,4 +1,4 @@
-"""The house: rooms, names and files as CONTRIBUTING says that they are."""
+"""The house: rooms, names, files and planted faults as CONTRIBUTING says that they are."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import subprocess
 import sys
 import tomllib
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+from mutations.plant_faults import Fault, faults, place, planted
 from support.budget import budget, measured
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,21 +32,26 @@ def files() -> list[Path]:
     return [path for path in found if "_pb2." not in path.name]
 
 
-def test_no_two_modules_have_one_name() -> None:
-    places = defaultdict(list)
-    for path in files():
-        if path.name not in {"__init__.py", "__main__.py"}:
-            places[path.stem].append(str(path.relative_to(ROOT)))
-    assert {name: at for name, at in places.items() if len(at) > 1} == {}
+def twice(places: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
+    """Names that stand in more than one place."""
+    found = defaultdict(list)
+    for name, path in places:
+        found[name].append(str(path.relative_to(ROOT)))
+    return {name: at for name, at in found.items() if len(at) > 1}
 
 
-def test_no_two_public_classes_have_one_name() -> None:
-    places = defaultdict(list)
-    for path in files():
-        for node in ast.parse(path.read_text()).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places[node.name].append(str(path.relative_to(ROOT)))
-    assert {name: at for name, at in places.items() if len(at) > 1} == {}
+def test_no_two_modules_and_no_two_public_classes_have_one_name() -> None:
+    packages = {"__init__.py", "__main__.py"}
+    assert twice((path.stem, path) for path in files() if path.name not in packages) == {}
+    assert (
+        twice(
+            (node.name, path)
+            for path in files()
+            for node in ast.parse(path.read_text()).body
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+        )
+        == {}
+    )
 
 
 def test_nothing_grows_beyond_its_budget() -> None:
@@ -54,15 +61,11 @@ def test_nothing_grows_beyond_its_budget() -> None:
     assert {name: n for name, n in found.items() if n > ceilings[name]} == {}
 
 
-def test_every_room_says_what_belongs_there_and_what_does_not() -> None:
-    for room in (path for path in (ROOT / "feeds").iterdir() if (path / "__init__.py").exists()):
-        text = ast.get_docstring(ast.parse((room / "__init__.py").read_text())) or ""
-        assert len(text.splitlines()) > 2, f"{room.name}/__init__.py: {text!r}"
-
-
-def test_feeds_have_no_loose_modules_but_their_face_and_metrics() -> None:
-    loose = {path.name for path in (ROOT / "feeds").glob("*.py")}
-    assert loose == {"__init__.py", "metrics.py"}
+def test_every_room_says_what_belongs_there_and_no_module_of_feeds_is_outside_one() -> None:
+    for face in (ROOT / "feeds").glob("*/__init__.py"):
+        text = ast.get_docstring(ast.parse(face.read_text())) or ""
+        assert len(text.splitlines()) > 2, f"{face}: {text!r}"
+    assert {path.name for path in (ROOT / "feeds").glob("*.py")} == {"__init__.py", "metrics.py"}
 
 
 def test_every_package_is_installed() -> None:
@@ -100,16 +103,30 @@ def test_no_circle_of_imports() -> None:
     assert sorted(left) == []
 
 
-def documented() -> Iterator[tuple[str, str]]:
-    """Every docstring, with where it stands."""
-    for path in files():
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(
-                node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-            ) and (text := ast.get_docstring(node)):
-                yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}", text
-
-
 def test_docstrings_name_their_subject() -> None:
-    vague = {at: text.splitlines()[0] for at, text in documented() if SUBJECTLESS.match(text)}
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    vague = {
+        f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}": text.splitlines()[0]
+        for path in files()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, kinds) and (text := ast.get_docstring(node)) and SUBJECTLESS.match(text)
+    }
     assert vague == {}
+
+
+@pytest.mark.parametrize("fault", faults(), ids=lambda fault: f"{fault.where}: {fault.what}")
+def test_a_fault_can_be_planted(fault: Fault) -> None:
+    """It still has its place; whether tests notice it, `make mutations` says."""
+    text = (ROOT / place(fault)[0]).read_text()
+    wrong = planted(fault, text)
+    assert wrong != text
+    ast.parse(wrong)
+    for word in fault.tests.split():
+        if not word.startswith("-") and "/" in word:
+            assert (ROOT / word.partition("::")[0]).exists()
+
+
+def test_there_are_planted_faults_in_all_rooms() -> None:
+    files = [place(fault)[0] for fault in faults()]
+    assert len(files) >= 55
+    assert {file.partition("/")[0] for file in files} == {"feeds", "models", "proto", "replay"}
