@@ -99,3 +99,10 @@ def taken(link: Transport, message: Message) -> bool:
     publish([link], [delivery])
     assert delivery.was_delivered is not None
     return delivery.was_delivered
+
+
+def published(link: Transport, content_type: str, *payloads: bytes) -> list[FollowedDelivery]:
+    """Messages that a link was given together."""
+    made = [FollowedDelivery(Message("t", payload, content_type, 0)) for payload in payloads]
+    publish([link], made)
+    return made
