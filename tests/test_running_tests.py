@@ -147,7 +147,7 @@ def test_programs_are_looked_for_in_one_place_which_ci_installs() -> None:
     own = (
         "support/tools.py",
         "support/printed_terminal.py",
-        "test_container.py",
+        "test_packaging.py",
         Path(__file__).name,
     )
     assert looks == {TESTS / name for name in own}
