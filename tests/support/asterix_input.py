@@ -1,11 +1,9 @@
-"""Inputs that several ASTERIX tests share: plots, tracks, and the payloads of a recording."""
+"""Inputs that several ASTERIX tests share: plots, tracks, and any records."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -28,30 +26,12 @@ from plotfeed.proto.asterix.codec.layout import (
 )
 from plotfeed.proto.tracks.encode_tracks import Tracks
 
-ETHERNET, UDP = 14, 8
-
 
 def plots(**columns: Any) -> Plots:
     """Plots with those columns, and not measured in the others; all are as long as the longest."""
     n = max(np.size(column) for column in columns.values())
     given = {"t_utc_ns": 0, "drone": 0, "range_m": 1000.0, "azimuth_deg": 0.0} | columns
     return Plots.of(**{name: np.broadcast_to(np.asarray(v), (n,)) for name, v in given.items()})
-
-
-def udp_payloads(pcap: Path) -> list[bytes]:
-    """The UDP payloads of a little-endian pcap of Ethernet frames without VLAN tags."""
-    data = pcap.read_bytes()
-    assert data[:4] == bytes.fromhex("d4c3b2a1")
-    payloads = []
-    at = 24
-    while at < len(data):
-        (captured,) = struct.unpack_from("<8xI", data, at)
-        frame = data[at + 16 : at + 16 + captured]
-        at += 16 + captured
-        udp = ETHERNET + (frame[ETHERNET] & 15) * 4
-        (length,) = struct.unpack_from(">H", frame, udp + 4)
-        payloads.append(frame[udp + UDP : udp + length])
-    return payloads
 
 
 def every_path(category: Category) -> list[str]:

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from support.given_files import more_input, places
 
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
+
 
 @dataclass(frozen=True)
 class RadarCapture:
@@ -32,6 +34,18 @@ if more_input():
     FRAMES_048.append(_path("jade_nats_cat048_tcas.ff"))
     FRAMES_062.append(_path("jade_062_one.ff"))
 FRAMES = FRAMES_048 + FRAMES_062
+
+
+def recorded_payloads() -> list[bytes]:
+    """The payloads of all of them, in their order."""
+    payloads = []
+    for path in [*(each.path for each in CAPTURES), *FRAMES]:
+        with ForeignReader(path) as recording:
+            payloads += [each.payload for each in recording.messages()]
+    assert payloads
+    return payloads
+
+
 EVERY_CAPTURE = pytest.mark.parametrize("capture", CAPTURES, ids=lambda each: each.path.name)
 EVERY_FRAME = pytest.mark.parametrize("frame_file", FRAMES, ids=lambda each: each.name)
 EVERY_FRAME_048 = pytest.mark.parametrize("frame_file", FRAMES_048, ids=lambda each: each.name)

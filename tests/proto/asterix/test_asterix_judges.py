@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -11,9 +10,8 @@ import pytest
 from asterix import base  # type: ignore[import-not-found]
 from support.asterix_input import slots_octets
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.given_recordings import CAPTURES, FRAMES
+from support.given_recordings import recorded_payloads
 
-from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -21,7 +19,6 @@ from plotfeed.proto.asterix.codec.decode import FURTHER, Block, Record, Value, d
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import standard, tables
 
-RECORDINGS = [*(each.path for each in CAPTURES), *FRAMES]
 # Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
 REGISTERS = "I048/250"
 # asterix-decoder reads these in another way: a register without its number, levels in feet, and a
@@ -40,13 +37,6 @@ def values(value: Value) -> Iterator[Any]:
         return
     for member in members:
         yield from values(member)
-
-
-def payloads_of(path: Path) -> list[bytes]:
-    with ForeignReader(path) as recording:
-        found = [each.payload for each in recording.messages()]
-    assert found
-    return found
 
 
 def agree_with_decoder(records: list[Record], theirs: list[dict[str, Any]]) -> int:
@@ -73,7 +63,7 @@ def agree_with_decoder(records: list[Record], theirs: list[dict[str, Any]]) -> i
 
 
 def test_asterix_decoder_reads_the_same_in_recordings() -> None:
-    payloads = [payload for recording in RECORDINGS for payload in payloads_of(recording)]
+    payloads = recorded_payloads()
     records = [record for each in payloads for record in decode(each, AS_DECODER)]
     theirs = [record for each in read_blocks(payloads) for record in each]
     assert agree_with_decoder(records, theirs) > 4000

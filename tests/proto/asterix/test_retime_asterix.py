@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.asterix_input import slots_octets, udp_payloads
-from support.given_recordings import CAPTURES, FRAMES
+from support.asterix_input import slots_octets
+from support.given_recordings import recorded_payloads
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, blocks, decode, records_in
@@ -79,8 +79,7 @@ def test_every_time_of_day_moves_and_nothing_else(data: bytes, shift_lsb: int) -
 
 @pytest.mark.parametrize("shift_s", [1, 43_200, -70_000, 10**9])
 def test_foreign_recordings_are_the_same_but_for_their_times(shift_s: int) -> None:
-    payloads = [octets for each in CAPTURES for octets in udp_payloads(each.path)]
-    for data in [*payloads, *(path.read_bytes()[8:-4] for path in FRAMES)]:
+    for data in recorded_payloads():
         done = RETIMER.retime(data, shift_s * NS)
         assert set(done.left) <= {"octets that are no data block"}  # some end with a trailer
         whole = data[:-8] if done.left else data
