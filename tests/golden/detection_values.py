@@ -76,12 +76,8 @@ def _look(pfa: str, n: int, snr_db: int) -> Row:
 def thresholds() -> Iterator[Row]:
     """Of sums of looks in known noise."""
     for n, pfa in itertools.product((1, 2, 3, 5, 8), ("1e-2", "1e-6", "1e-13")):
-        yield {
-            "n_integrated": n,
-            "pfa": pfa,
-            "yb_sum": threshold(n, pfa),
-            "yb_mean": threshold(n, pfa) / n,
-        }
+        y = threshold(n, pfa)
+        yield {"n_integrated": n, "pfa": pfa, "yb_sum": y, "yb_mean": y / n}
 
 
 def energies() -> Iterator[Row]:
@@ -98,28 +94,17 @@ def sums() -> Iterator[Row]:
     for (n, samples, pfa), snr_db in itertools.product(designs, (-15, 0, 6, 12, 18, 45)):
         t = ratio_of(n, samples, pfa)
         pd = outlasting(n, samples, t / (1 + linear(snr_db)))
-        yield {
-            "n_integrated": n,
-            "n_ref_samples": samples,
-            "pfa": pfa,
-            "snr_db": snr_db,
-            "threshold_ratio": t,
-            "pd": pd,
-        }
+        design = {"n_integrated": n, "n_ref_samples": samples, "pfa": pfa}
+        yield design | {"snr_db": snr_db, "threshold_ratio": t, "pd": pd}
 
 
 def unequal() -> Iterator[Row]:
     """Three looks of other ratios each, by partial fractions; and with their mean for each."""
-    for pfa, snrs_db in itertools.product(
-        ("1e-4", "1e-8"),
-        (
-            (3, 11, 19),
-            (-10, 0, 30),
-            (12, "12.000001", "11.999998"),
-            (-90, 5, -60),
-            (40, 41, "-2.5"),
-        ),
-    ):
+    looks_db = (
+        *((3, 11, 19), (-10, 0, 30), (12, "12.000001", "11.999998")),
+        *((-90, 5, -60), (40, 41, "-2.5")),
+    )
+    for pfa, snrs_db in itertools.product(("1e-4", "1e-8"), looks_db):
         snrs = [linear(each) for each in snrs_db]
         y = threshold(3, pfa)
         named = {f"snr{i}_db": each for i, each in enumerate(snrs_db, 1)}
@@ -146,9 +131,6 @@ def fluctuations() -> Iterator[Row]:
         kept = sorted({F(edge) for edge in edges})
         inverse = mp.quad(lambda u, t=t, mean=mean: mp.exp(-u) / (t + mean * u), kept)
         rms = mp.sqrt(inverse)
-        yield {
-            "pfa": pfa,
-            "mean_snr_db": snr_db,
-            "rms_inv_sqrt_inst_snr": rms,
-            "ratio_to_inv_sqrt_mean_snr": rms * mp.sqrt(linear(snr_db)),
-        }
+        ratio = rms * mp.sqrt(linear(snr_db))
+        told = {"rms_inv_sqrt_inst_snr": rms, "ratio_to_inv_sqrt_mean_snr": ratio}
+        yield {"pfa": pfa, "mean_snr_db": snr_db} | told

@@ -38,18 +38,7 @@ def logistic() -> Iterator[Row]:
 def radar() -> Iterator[Row]:
     """Echo by the spreading of power over two spheres, over the noise in 1/T."""
     c, k, t0 = F(299_792_458), F("1.380649e-23"), F(290)
-    names = [
-        "p_av_w",
-        "gt_dbi",
-        "gr_dbi",
-        "rcs_m2",
-        "freq_hz",
-        "t_int_s",
-        "r_tx_m",
-        "r_rx_m",
-        "loss_db",
-        "noise_fig_db",
-    ]
+    names = "p_av_w gt_dbi gr_dbi rcs_m2 freq_hz t_int_s r_tx_m r_rx_m loss_db noise_fig_db"
     for case in (
         ("500", "20", "35.4", "0.01", "10e9", "0.06", "7000", "7000", "4", "5"),
         ("2000", "11.6", "11.6", "0.01", "15e9", "0.06", "3850", "3850", "2", "5"),
@@ -61,25 +50,17 @@ def radar() -> Iterator[Row]:
         density = p * 10 ** (gt / 10) / (4 * mp.pi * r_tx**2)
         aperture = 10 ** (gr / 10) * (c / freq) ** 2 / (4 * mp.pi)
         echo = density * rcs / (4 * mp.pi * r_rx**2) * aperture / 10 ** (loss / 10)
-        yield dict(zip(names, case, strict=True)) | {
-            "snr": echo * t / (k * t0 * 10 ** (noise / 10))
-        }
+        snr = echo * t / (k * t0 * 10 ** (noise / 10))
+        yield dict(zip(names.split(), case, strict=True)) | {"snr": snr}
 
 
 def passive() -> Iterator[Row]:
     """A broadcast at 600 MHz off 0.01 m2: its echo against itself and radio noise, correlated."""
     wavelength = F(299_792_458) / F("600e6")
-    names = [
-        "erp_w",
-        "gr_dbi",
-        "t_int_s",
-        "bandwidth_hz",
-        "loss_db",
-        "fa_db",
-        "sidelobe_db",
-        "cancel_db",
-    ]
-    names += ["baseline_m", "r_rx_m", "r_tx_m"]
+    names = (
+        "erp_w gr_dbi t_int_s bandwidth_hz loss_db fa_db sidelobe_db cancel_db "
+        "baseline_m r_rx_m r_tx_m"
+    )
     for case in (
         ("10e3", "2", "0.3", "7.61e6", "4", "-4.45", "-22", "-60", "20000", "3100", "20238.8"),
         ("50e3", "12", "0.5", "7.61e6", "3", "10", "-25", "-90", "35000", "6000", "30000"),
@@ -93,7 +74,7 @@ def passive() -> Iterator[Row]:
         direct = radiated / (4 * mp.pi * base**2) * per_area * 10 ** ((lobe + cancelled) / 10)
         factor = 10 ** (fa / 10) - 1 + 10 ** F("0.5")
         noise = F("1.380649e-23") * 290 * band * factor
-        yield dict(zip(names, case, strict=True)) | {
+        yield dict(zip(names.split(), case, strict=True)) | {
             "p_target_w": target,
             "p_direct_w": direct,
             "p_noise_w": noise,
@@ -119,26 +100,17 @@ def absorption_db_per_m(freq: Any, temp_c: Any, humidity: Any, pressure_kpa: Any
 
 def absorption() -> Iterator[Row]:
     """Cold and hot, dry and wet, high and low."""
-    for temp, humidity, pressure, freq in itertools.product(
-        (-15, 10, 20, 40), (15, 70, 100), (85, "101.325"), (63, 1000, 8000)
-    ):
-        yield {
-            "temp_c": temp,
-            "rh_pct": humidity,
-            "pressure_kpa": pressure,
-            "freq_hz": freq,
-            "alpha_db_per_m": absorption_db_per_m(freq, temp, humidity, pressure),
-        }
+    names = ("temp_c", "rh_pct", "pressure_kpa", "freq_hz")
+    values = ((-15, 10, 20, 40), (15, 70, 100), (85, "101.325"), (63, 1000, 8000))
+    for *air, freq in itertools.product(*values):
+        told = dict(zip(names, (*air, freq), strict=True))
+        yield told | {"alpha_db_per_m": absorption_db_per_m(freq, *air)}
 
 
 def levels() -> Iterator[Row]:
     """ISO 9613-2, equations 7, 8 and 10; a barrier and the rest take 3 dB each."""
-    for lw, dc, source, ground in (
-        (80, 0, 12, 25),
-        (80, 0, 60, 700),
-        (93, 3, 2, 400),
-        (81, 3, 120, 90),
-    ):
+    cases = ((80, 0, 12, 25), (80, 0, 60, 700), (93, 3, 2, 400), (81, 3, 120, 90))
+    for lw, dc, source, ground in cases:
         receiver = F("1.5")
         slant = mp.hypot(ground, source - receiver)
         spread = 20 * mp.log10(slant) + 11

@@ -1,16 +1,14 @@
-"""Extended squitters are read as another decoder reads them, and found in any stream of Beast."""
+"""Extended squitters are read as another decoder reads them."""
 
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.proto.mode_s import (
-    BeastSplitter,
     CprPosition,
     GroundVelocity,
     Identification,
@@ -26,11 +24,6 @@ EVEN = bytes.fromhex("8D40621D58C382D690C8AC2863A7")
 ODD = bytes.fromhex("8D40621D58C386435CC412692AD6")
 VELOCITY = bytes.fromhex("8D485020994409940838175B284F")
 CALLSIGN = bytes.fromhex("8D4840D6202CC371C32CE0576098")
-
-
-def beast(message: bytes, time: bytes = bytes(6)) -> bytes:
-    body = (time + b"\x50" + message).replace(b"\x1a", b"\x1a\x1a")
-    return b"\x1a" + {2: b"1", 7: b"2", 14: b"3"}[len(message)] + body
 
 
 def with_parity(first: bytes) -> bytes:
@@ -114,25 +107,3 @@ def test_a_place_comes_back_from_its_halves(lat: float, lon: float, latest_is_od
 def test_a_message_with_a_wrong_bit_is_none(bit: int) -> None:
     damaged = (int.from_bytes(EVEN, "big") ^ 1 << bit).to_bytes(14, "big")
     assert read_squitter(damaged) is None
-
-
-@given(st.lists(st.integers(0, 400), max_size=10), st.binary(max_size=20))
-def test_a_stream_cut_anywhere_gives_every_message_once(cuts: list[int], garbage: bytes) -> None:
-    messages = [EVEN, bytes(2), ODD, bytes([0x1A]) * 7, VELOCITY, CALLSIGN]
-    stream = b"".join(beast(m, b"\x1a\x00\x1a\x1a\x00\x33") for m in messages)
-    lead = garbage.replace(b"\x1a", b"")
-    at = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
-    splitter = BeastSplitter()
-    found = list(splitter.split(lead))
-    found += [m for a, b in pairwise(at) for m in splitter.split(stream[a:b])]
-    assert found == messages
-    assert splitter.damaged == len(lead)
-
-
-@given(st.lists(st.binary(max_size=200), max_size=6))
-def test_whatever_comes_is_taken_and_little_of_it_is_kept(pieces: list[bytes]) -> None:
-    splitter = BeastSplitter()
-    for piece in pieces:
-        for message in splitter.split(piece):
-            read_squitter(message)
-    assert len(splitter._left) <= 50

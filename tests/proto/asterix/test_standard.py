@@ -12,9 +12,8 @@ from support.recordings import block
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.recording.record_text import Style, categories_of
 from plotfeed.proto.asterix import standard
+from plotfeed.proto.content_types import ASTERIX
 from plotfeed.replay.asterix_files import record_counts
-
-NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
 
 
 def show(path: Path, *options: str) -> list[str]:
@@ -83,62 +82,47 @@ def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     standard.standard.cache_clear()
 
 
+def shown(data: bytes, style: Style = Style.LINE) -> list[str]:
+    return list(message_lines("r/asterix", data, ASTERIX, style, categories_of(())))
+
+
 NORTH_002 = ("f4", "190d", "02", "40", "0c8000", "1f00")
 CROSSING_002 = ("f0", "190d", "01", "20", "0c8040")
+INSTALL = "octets are not decoded; for names and values: pip install 'plotfeed[asterix]'"
+SOURCE = "  010 SAC=25 SIC=13  "
 
 
 @pytest.mark.usefixtures("nothing_installed")
-def test_without_libasterix_a_block_is_cut_into_records_with_sources_and_times() -> None:
+def test_without_libasterix_blocks_are_cut_into_records_with_sources_and_times() -> None:
     data = block(2, *NORTH_002, *CROSSING_002)
-    north, crossing = message_lines("r/asterix/002", data, None, categories=categories_of(()))
+    north, crossing = shown(data)
     assert north == (
-        "r/asterix/002  CAT002  01:46:40.000  010 SAC=25 SIC=13  000 0x02  020 0x40  050 0x1f00  "
-        "(octets are not decoded; for names and values: pip install 'plotfeed[asterix]')"
+        f"r/asterix  CAT002  01:46:40.000{SOURCE}000 0x02  020 0x40  050 0x1f00  ({INSTALL})"
     )
-    assert "CAT002  01:46:40.500  010 SAC=25 SIC=13  000 0x01  020 0x20  (" in crossing
-    told = message_lines("r/asterix/002", data, None, Style.JSON, categories_of(()))
-    first, _ = (json.loads(line)["message"]["items"] for line in told)
-    source = {"SAC": 25, "SIC": 13}
-    assert first["I002/010"] == source
-    assert first["I002/030"] == 6400.0
-    assert first["I002/020"] == "40"
+    assert f"CAT002  01:46:40.500{SOURCE}000 0x01  020 0x20  (" in crossing
+    first, _ = (json.loads(line)["message"]["items"] for line in shown(data, Style.JSON))
+    assert first["I002/010"] == {"SAC": 25, "SIC": 13}
+    assert (first["I002/030"], first["I002/020"]) == (6400.0, "40")
+    (tree,) = shown(block(2, *NORTH_002), Style.TREE)
+    assert tree.splitlines()[0].endswith(INSTALL)
+    assert "  I002/050: 2 octets 1f00" in tree.splitlines()
+    # Tracks of 001 are told from its plots.
+    plot, track = shown(block(1, *PLOT_001, *TRACK_001))
+    assert f"{SOURCE}020 0x20  040 0x01000200  070 0x0fff  (" in plot
+    assert f"{SOURCE}020 0xa0  161 0x0102  040 0x02000400  (" in track
 
 
 @pytest.mark.usefixtures("nothing_installed")
-@pytest.mark.parametrize("number", sorted(NAMED))
+@pytest.mark.parametrize("number", [1, 2, 19, 20, 21, 23, 65, 240, 247])
 def test_without_libasterix_every_category_says_whose_its_records_are(number: int) -> None:
     data = block(number, "80", "190d", "80", "190e")
-    categories = categories_of(())
-    assert record_counts(data, categories) == {number: 2}
-    lines = list(message_lines("r/asterix", data, None, categories=categories))
-    assert [
-        f"010 SAC=25 SIC={sic}  (octets are not" in line
-        for sic, line in zip((13, 14), lines, strict=True)
-    ] == [True, True]
-
-
-@pytest.mark.usefixtures("nothing_installed")
-def test_without_libasterix_tracks_of_001_are_told_from_plots() -> None:
-    data = block(1, *PLOT_001, *TRACK_001)
-    plot, track = message_lines("r/asterix", data, None, categories=categories_of(()))
-    assert "010 SAC=25 SIC=13  020 0x20  040 0x01000200  070 0x0fff  (" in plot
-    assert "010 SAC=25 SIC=13  020 0xa0  161 0x0102  040 0x02000400  (" in track
-
-
-@pytest.mark.usefixtures("nothing_installed")
-def test_a_tree_of_a_record_that_is_cut_alone_says_so() -> None:
-    (tree,) = message_lines(
-        "r", block(2, *NORTH_002), "application/x-asterix", Style.TREE, categories_of(())
-    )
-    assert tree.splitlines()[0].endswith(
-        "octets are not decoded; for names and values: pip install 'plotfeed[asterix]'"
-    )
-    assert "  I002/050: 2 octets 1f00" in tree.splitlines()
+    assert record_counts(data, categories_of(())) == {number: 2}
+    for sic, line in zip((13, 14), shown(data), strict=True):
+        assert f"010 SAC=25 SIC={sic}  (octets are not" in line
 
 
 def test_of_a_category_of_nobody_a_block_says_that_nothing_is_known() -> None:
-    data = block(99, "f4", "190d")
-    (line,) = message_lines("r/asterix", data, None, categories=categories_of(()))
+    (line,) = shown(block(99, "f4", "190d"))
     assert line.endswith("a block of 3 octets, of which no layout is known: f4190d")
 
 
@@ -148,6 +132,5 @@ def test_without_libasterix_a_tree_has_units() -> None:
         (48, ("f0", "190d", "0c8000", "20", "80004000"), ("    RHO: 128 NM", "  I048/140: 6400 s")),
         (62, ("8110", "190d", "08", "0040"), ("    TAS: 64 kt",)),
     ):
-        data = block(number, *octets)
-        (tree,) = message_lines("r/asterix", data, None, Style.TREE, categories_of(()))
+        (tree,) = shown(block(number, *octets), Style.TREE)
         assert set(units) <= set(tree.splitlines())
