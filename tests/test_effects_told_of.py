@@ -6,14 +6,14 @@ import json
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 from support.command import plotfeed_here
 from support.hills import write_ridge
+from support.random_scenes import optional_tables
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.effect_keys import EFFECTS
@@ -24,21 +24,9 @@ ROOT = Path(__file__).parents[1]
 NO_EFFECTS = {"link", "tracks", "mount", "cooperative", "page", "telemetry", "classifier", "layout"}
 
 
-def optional_tables(model: type[SceneTable]) -> set[str]:
-    """Keys of tables that a scene may leave out, and then nothing of them is modelled."""
-    found = set()
-    for name, field in model.model_fields.items():
-        kinds = get_args(field.annotation)
-        if type(None) in kinds and any(
-            isinstance(k, type) and issubclass(k, SceneTable) for k in kinds
-        ):
-            found.add(name)
-    return found - NO_EFFECTS
-
-
 def keys() -> list[str]:
-    of_sensors = set().union(*(optional_tables(kind) for kind in SENSORS.values()))
-    return sorted(of_sensors | optional_tables(Scene) | {"jamming"})
+    found = {"jamming"}.union(*map(optional_tables, (*SENSORS.values(), Scene)))
+    return sorted(found - NO_EFFECTS)
 
 
 @cache
@@ -54,19 +42,14 @@ def measured() -> set[str]:
     return {key for row in rows().values() for key in row}
 
 
-def text(name: str) -> str:
-    return (ROOT / "docs" / name).read_text()
-
-
-@pytest.mark.parametrize("key", keys())
-def test_an_effect_is_in_the_limits_the_equations_and_the_benchmark(key: str) -> None:
-    assert f"`{key}`" in text("limits.md")
-    assert f"`{key}`" in text("equations.md") or f"`[{key}]`" in text("equations.md")
-    assert key in measured()
-
-
-def test_there_are_effects() -> None:
-    assert {"bias", "doppler", "terrain", "weather"} <= set(keys())
+def test_effects_are_in_the_limits_the_equations_and_the_benchmark() -> None:
+    limits, equations = (
+        (ROOT / "docs" / f"{page}.md").read_text() for page in ("limits", "equations")
+    )
+    assert {"bias", "doppler", "terrain", "weather"} <= set(keys()) <= measured()
+    for key in keys():
+        assert f"`{key}`" in limits
+        assert f"`{key}`" in equations or f"`[{key}]`" in equations
 
 
 def test_check_tells_of_scenes_that_name_every_effect(tmp_path: Path) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import islice
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +16,7 @@ import pytest
 from support.brokers import free_port
 from support.command import Running, plotfeed_here, running
 from support.tools import NODE_MODULES, needed, node_module
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, first_lines
 
 from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.scene.scene import load
@@ -44,29 +42,6 @@ def radar_and_port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[R
         yield session, port
 
 
-def lines_of(command: Sequence[str | Path]) -> list[str]:
-    """The first lines that a client prints which never ends by itself."""
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "NODE_MODULES": str(NODE_MODULES)},
-    )
-    late = threading.Timer(PATIENCE_S, process.kill)
-    late.start()
-    try:
-        assert process.stdout is not None
-        found = [line.rstrip() for line in islice(process.stdout, ENOUGH)]
-    finally:
-        late.cancel()
-        process.kill()
-        _, errors = process.communicate()
-    assert errors == ""
-    assert len(found) == ENOUGH
-    return found
-
-
 def off_the_path_m(east_m: float, north_m: float) -> float:
     """Distance of a place from the straight line on which the scene's drone flies."""
     (first, last) = np.array([[2000.0, 1000.0], [-2000.0, 1500.0]])
@@ -87,7 +62,8 @@ def test_clients_put_plots_where_the_drone_flies(radar_and_port: tuple[Running, 
     ]
     site = LocalFrame(40.45, -3.73, 650.0)
     with ThreadPoolExecutor(len(commands)) as threads:
-        for lines in threads.map(lines_of, commands):
+        found = partial(first_lines, count=ENOUGH, NODE_MODULES=str(NODE_MODULES))
+        for lines in threads.map(found, commands):
             near = 0
             for line in lines:
                 found = LINE.fullmatch(line)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import queue
 import re
-import subprocess
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +10,7 @@ import paho
 import pytest
 from support.asterix_readers import asterix_decoder
 from support.command import Running, plotfeed, plotfeed_here, running
-from support.waiting import PATIENCE_S
+from support.waiting import first_lines
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
 PORT = re.compile(r":\d{4,5}(?: \(.*?\))?")
@@ -53,24 +49,8 @@ def test_the_client_that_is_printed_hears_records(demo: Running, tmp_path: Path)
     client.write_text(code.replace("1883", str(demo.port("MQTT"))))
     # With asterix-decoder and paho alone: libasterix, which is beside paho, has its name.
     (tmp_path / "paho").symlink_to(Path(paho.__path__[0]), target_is_directory=True)
-    process = subprocess.Popen(
-        [asterix_decoder(), "-u", client],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    heard: queue.Queue[str] = queue.Queue()
-    assert process.stdout is not None
-    stdout = process.stdout
-    hearing = threading.Thread(target=lambda: [heard.put(line) for line in stdout])
-    hearing.start()
-    try:
-        line = heard.get(timeout=PATIENCE_S)
-    finally:
-        process.kill()
-        process.wait()
-        hearing.join()
-        stdout.close()
+    command = [asterix_decoder(), "-u", client]
+    (line,) = first_lines(command, 1, PYTHONPATH=str(tmp_path))
     assert re.match(r"\{'category': (34|48|62|63), ", line)
 
 

@@ -352,17 +352,23 @@ TABLE_MAKERS: dict[str, Callable[[Dice, Keys, Sequence[str]], Keys | None]] = {
 }  # fmt: skip
 
 
+def optional_tables(model: type[SceneTable]) -> set[str]:
+    """Keys of tables that may be left out, and then nothing of them is modelled."""
+    kinds = {name: get_args(field.annotation) for name, field in model.model_fields.items()}
+    return {
+        name
+        for name, each in kinds.items()
+        if type(None) in each
+        and any(isinstance(k, type) and issubclass(k, SceneTable) for k in each)
+    }
+
+
 def tables_of(kind: str) -> Iterator[str]:
-    """Tables that a sensor of a kind may leave out, but for its link."""
-    for name, field in SENSORS[kind].model_fields.items():
-        kinds = get_args(field.annotation)
-        is_table = type(None) in kinds and any(
-            isinstance(k, type) and issubclass(k, SceneTable) for k in kinds
-        )
-        is_table |= name == "jamming"
-        is_modelled = name not in NOT_MODELLED or not kind.startswith("multistatic")
-        if is_table and name != "link" and is_modelled:
-            yield name
+    """Tables that a sensor of a kind may leave out, but for its link, in the order of its keys."""
+    tables = optional_tables(SENSORS[kind]) | {"jamming"} - {"link"}
+    if kind.startswith("multistatic"):
+        tables -= {*NOT_MODELLED}
+    return (name for name in SENSORS[kind].model_fields if name in tables)
 
 
 def _report(dice: Dice, kind: str, sensor: Keys) -> list[str]:

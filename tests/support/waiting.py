@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import subprocess
+import threading
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from itertools import islice
+from pathlib import Path
 from typing import Any
 
 PATIENCE_S = 120.0  # On a machine that may be busy
@@ -44,3 +49,26 @@ async def kept_up(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
         running.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await running
+
+
+def first_lines(command: Sequence[str | Path], count: int, **environment: str) -> list[str]:
+    """So many lines of a program that never ends by itself, and has nothing to complain of."""
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | environment,
+    )
+    late = threading.Timer(PATIENCE_S, process.kill)
+    late.start()
+    try:
+        assert process.stdout is not None
+        found = [line.rstrip() for line in islice(process.stdout, count)]
+    finally:
+        late.cancel()
+        process.kill()
+        _, errors = process.communicate()
+    assert errors == ""
+    assert len(found) == count
+    return found

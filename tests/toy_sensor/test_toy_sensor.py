@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -25,6 +25,9 @@ from plotfeed.testing import Feed, fly
 
 TRUE_DEG = [(10.0, 20.0), (80.0, 5.0)]
 WITHIN_DEG = 1.0
+RADAR = {
+    "geometry": SensorGeometry.MONOSTATIC, "sapient_type": "RADAR", "formats": ("asterix-015",)
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -97,38 +100,20 @@ def test_schemas_have_it() -> None:
     assert "lookout" in types_that_report("asterix-205")
 
 
-def test_a_sensor_without_a_trait_is_refused_where_it_is_defined() -> None:
-    with pytest.raises(TypeError, match="lacks the traits geometry, sapient_type"):
-
-        class _Radar(SensorKeys):
-            label = "some radar"
-            formats = ("plots",)
-            type: Literal["some_radar"]
-            report: Reports = ()
-
-
-def test_tracks_need_the_keys_of_tracks() -> None:
-    with pytest.raises(TypeError, match="reports tracks"):
-
-        class _Radar(SensorKeys):
-            label = "some radar"
-            geometry = SensorGeometry.MONOSTATIC
-            sapient_type = "RADAR"
-            formats = ("asterix-062",)
-            type: Literal["some_radar"]
-            report: Reports = ()
-
-
-def test_a_bistatic_sensor_has_illuminators() -> None:
-    with pytest.raises(TypeError, match="bistatic sensors have illuminators"):
-
-        class _Radar(SensorKeys):
-            label = "some radar"
-            geometry = SensorGeometry.BISTATIC
-            sapient_type = "RADAR"
-            formats = ("asterix-015",)
-            type: Literal["some_radar"]
-            report: Reports = ()
+@pytest.mark.parametrize(
+    ("traits", "says"),
+    [
+        ({"formats": ("plots",)}, "lacks the traits geometry, sapient_type"),
+        (RADAR | {"formats": ("asterix-062",)}, "reports tracks"),
+        (RADAR | {"geometry": SensorGeometry.BISTATIC}, "bistatic sensors have illuminators"),
+    ],
+)
+def test_a_sensor_that_lacks_what_its_traits_need_is_refused_where_it_is_defined(
+    traits: dict[str, Any], says: str
+) -> None:
+    keys = {"type": Literal["some_radar"], "report": Reports}
+    with pytest.raises(TypeError, match=says):
+        type("_Radar", (SensorKeys,), {"label": "some radar", "__annotations__": keys, **traits})
 
 
 def test_no_two_sensors_have_one_type() -> None:
