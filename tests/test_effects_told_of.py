@@ -43,9 +43,8 @@ def measured() -> set[str]:
 
 
 def test_effects_are_in_the_limits_the_equations_and_the_benchmark() -> None:
-    limits, equations = (
-        (ROOT / "docs" / f"{page}.md").read_text() for page in ("limits", "equations")
-    )
+    docs = ROOT / "docs"
+    limits, equations = ((docs / f"{page}.md").read_text() for page in ("limits", "equations"))
     assert {"bias", "doppler", "terrain", "weather"} <= set(keys()) <= measured()
     for key in keys():
         assert f"`{key}`" in limits

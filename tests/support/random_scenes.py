@@ -355,17 +355,17 @@ TABLE_MAKERS: dict[str, Callable[[Dice, Keys, Sequence[str]], Keys | None]] = {
 def optional_tables(model: type[SceneTable]) -> set[str]:
     """Keys of tables that may be left out, and then nothing of them is modelled."""
     kinds = {name: get_args(field.annotation) for name, field in model.model_fields.items()}
+    may_be_left_out = {name: each for name, each in kinds.items() if type(None) in each}
     return {
         name
-        for name, each in kinds.items()
-        if type(None) in each
-        and any(isinstance(k, type) and issubclass(k, SceneTable) for k in each)
+        for name, each in may_be_left_out.items()
+        if any(isinstance(kind, type) and issubclass(kind, SceneTable) for kind in each)
     }
 
 
 def tables_of(kind: str) -> Iterator[str]:
     """Tables that a sensor of a kind may leave out, but for its link, in the order of its keys."""
-    tables = optional_tables(SENSORS[kind]) | {"jamming"} - {"link"}
+    tables = (optional_tables(SENSORS[kind]) | {"jamming"}) - {"link"}
     if kind.startswith("multistatic"):
         tables -= {*NOT_MODELLED}
     return (name for name in SENSORS[kind].model_fields if name in tables)
