@@ -6,6 +6,7 @@ programme for one seed in 10,000. False alarms are at the end: how many, and how
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -13,16 +14,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
-from scipy.special import exp1, gammainc, gammaincc, gammainccinv, gammaincinv, pdtr
+from scipy.special import gammainc, gammaincc, gammainccinv, gammaincinv, pdtr
 from support.given_files import reference, values_of
 from support.radar_equations import joint_hit_gauss_markov, unequal_pd
 from support.significance import assert_chance, assert_sum
 
 from plotfeed.feeds.lab import oracle
-from plotfeed.models import detection, propagation
+from plotfeed.models import detection
 from plotfeed.models.fluctuation import FluctuatingCfar, _poisson, order_of
 from plotfeed.models.numerics import unit_interval
-from plotfeed.models.propagation import C_M_S
 
 pfas = st.floats(-15, -0.1).map(lambda exponent: 10.0**exponent)
 far_dbs = st.floats(-100, 100)
@@ -113,14 +113,29 @@ def test_shapes_broadcast():
     assert power.shape == threshold.shape == (4, 5)
     power, _ = detection.draw_detected_snr_swerling1([np.nan, np.inf], 1e-6, 16, rng)
     np.testing.assert_array_equal(power, [np.nan, np.inf])
-    of_sums = (detection.pd_noncoherent_unequal_cfar, detection.inverse_detected_power_noncoherent)
-    for function in of_sums:
-        assert function(np.ones((4, 1, 3)), pfa, 48).shape == (4, 5)
-        assert function(np.ones((0, 3)), 1e-6, 48).shape == (0,)
-        each = [function([1e3, 1.0], one, 32) for one in (1e-6, 1e-3)]
-        np.testing.assert_allclose(function([1e3, 1.0], [1e-6, 1e-3], 32), each, rtol=1e-12)
-    for part in detection.draw_detected_power_noncoherent(np.ones((0, 3)), 1e-6, 48, rng):
-        assert part.shape == (0,)
+    for of in (detection.pd_noncoherent_unequal_cfar, detection.inverse_detected_power_noncoherent):
+        assert of(np.ones((4, 1, 3)), pfa, 48).shape == (4, 5)
+        assert of(np.ones((0, 3)), 1e-6, 48).shape == (0,)
+        each = [of([1e3, 1.0], one, 32) for one in (1e-6, 1e-3)]
+        np.testing.assert_allclose(of([1e3, 1.0], [1e-6, 1e-3], 32), each, rtol=1e-12)
+    drawn = detection.draw_detected_power_noncoherent(np.ones((0, 3)), 1e-6, 48, rng)
+    assert [part.shape for part in drawn] == [(0,), (0,)]
+
+
+def test_a_pd_of_a_trillionth_keeps_its_digits() -> None:
+    looks, pfa, snr = 3, 1e-12, 1e-3
+    threshold = detection.threshold_noncoherent(pfa, looks) / (1 + snr)
+    exact = math.exp(-threshold) * (1 + threshold + threshold**2 / 2)  # order 3, by hand
+    plain = 1 - gammainc(looks, threshold)
+    ours = detection.pd_noncoherent_swerling2(snr, pfa, looks)
+    assert abs(plain / exact - 1) > 1e-7
+    assert ours == pytest.approx(exact, rel=1e-13)
+
+
+def test_a_threshold_for_a_pfa_below_the_rounding_of_one() -> None:
+    assert gammaincinv(3, 1 - 1e-17) == math.inf
+    y = float(detection.threshold_noncoherent(1e-17, 3))
+    assert math.exp(-y) * (1 + y + y**2 / 2) == pytest.approx(1e-17, rel=1e-13)
 
 
 # Tabulated quantiles of gamma variables: against SciPy's inverse, and back through the tail.
@@ -137,20 +152,16 @@ PROBABILITIES = np.concatenate(
 )
 
 
-@pytest.mark.parametrize("order", [1, 2, 8, 199, 1000, 10**5])
+@pytest.mark.parametrize("order", [1, 2, 8, 199, 1000, 10**5, 10**7, 10**8])
 def test_it_is_the_inverse_of_the_tail_to_1e_13(order: int) -> None:
+    """SciPy's way back, by which high orders are held, loses the lowest 4e-6 of them."""
     found = detection.gamma_exceeded_with(PROBABILITIES, order)
     low = PROBABILITIES < 0.5
-    exact = np.where(low, gammainccinv(order, PROBABILITIES), gammaincinv(order, 1 - PROBABILITIES))
-    np.testing.assert_allclose(found, exact, rtol=1e-13)
-
-
-@pytest.mark.parametrize("order", [10**5, 10**7, 10**8])
-def test_the_way_back_gives_the_probability(order: int) -> None:
-    """Where SciPy's way back is right: of high orders it loses the lowest 4e-6."""
-    found = detection.gamma_exceeded_with(PROBABILITIES, order)
+    if order <= 10**5:
+        high = gammaincinv(order, 1 - PROBABILITIES)
+        exact = np.where(low, gammainccinv(order, PROBABILITIES), high)
+        np.testing.assert_allclose(found, exact, rtol=1e-13)
     usual = (PROBABILITIES > 1e-14) & (PROBABILITIES < 1 - 1e-5)
-    low = PROBABILITIES < 0.5
     back = np.where(low, gammaincc(order, found), gammainc(order, found))
     whole = np.where(low, PROBABILITIES, 1 - PROBABILITIES)
     np.testing.assert_allclose(back[usual], whole[usual], rtol=1e-9)
@@ -184,26 +195,6 @@ def test_mean_inverse_agrees_with_the_reference_where_the_noise_is_known() -> No
 def integrated(function, edges) -> float:
     reach = {"epsabs": 0.0, "epsrel": 1e-10, "limit": 400}
     return sum(integrate.quad(function, a, b, **reach)[0] for a, b in pairwise(edges))
-
-
-# The paper's scenario: what equations give along the approach.
-
-
-def test_section_4_of_the_paper():
-    rcs_m2, pfa = 0.01, 1e-6
-    ranges_m = np.array([7e3, 5e3, 4e3])
-    case = (500, 20, 35.4, C_M_S / 10e9, rcs_m2, 0.06, ranges_m, ranges_m, 4, 5)
-    pd = detection.pd_cfar_swerling1(propagation.radar_snr(*case), pfa, 16)
-    assert pd == pytest.approx([0.965, 0.991, 0.996], abs=5e-4)
-    ranges_m = np.array([5e3, 4e3, 3e3])
-    case = (2000, 11.6, 11.6, C_M_S / 15e9, rcs_m2, 0.06, ranges_m, ranges_m, 2, 5)
-    pd = detection.pd_noncoherent_swerling2(propagation.radar_snr(*case), pfa, 3)
-    assert pd == pytest.approx([0.268, 0.739, 0.977], abs=5e-4)
-    ranges_m = np.array([200.0, 150.0, 100.0, 75.0])
-    ground_db = propagation.ground_attenuation_db((50 + 1.5) / 2, ranges_m)
-    lost_db = propagation.sound_divergence_db(ranges_m) + 0.005 * ranges_m + ground_db + 3 + 3
-    pd = detection.pd_logistic(propagation.sound_level_db(80, 3, lost_db) + 9.03, 32)
-    assert pd == pytest.approx([0.018, 0.224, 0.926, 0.994], abs=5e-4)
 
 
 # The energy detector: quadrature at 1e7 samples, the law given a hit.
@@ -301,21 +292,6 @@ def test_pd_grows_with_each_of_several_looks(snrs_db, n, pfa, more_db, data):
     pd = detection.pd_noncoherent_unequal_cfar(looks, pfa, samples)
     assert pd[0] * (1 - 1e-12) <= pd[1] <= 1
     assert pd[2] == pytest.approx(pfa, rel=1e-11)
-
-
-@pytest.mark.parametrize(("snr", "n"), [(9.0, 1), (0.0, 2), (1e6, 16)])
-def test_mean_inverse_power_of_one_look_agrees_with_an_integral(snr, n):
-    """Given a threshold y, the mean of 1/x over x > y is exp(y/m) E1(y/m)/m."""
-    over, mean = oracle.cfar_ratio(1e-6, 1, n), 1 + snr
-
-    def integrand(log_reference):
-        at = np.exp(log_reference)
-        return at * stats.gamma.pdf(at, n) * exp1(over * at / mean) / mean
-
-    total = integrated(integrand, np.linspace(-40, 6, 24))
-    exact = total / float(detection.pd_cfar_swerling1(snr, 1e-6, n))
-    got = detection.inverse_detected_power_noncoherent([snr], 1e-6, n)
-    assert got == pytest.approx(exact, rel=1e-8)
 
 
 def test_mean_inverse_power_needs_no_more_points_and_minds_no_order(monkeypatch):
@@ -418,9 +394,6 @@ def test_what_was_detected_is_drawn_as_a_receiver_would_find_it(
     assert (drawn >= thresholds).all()
     for plain, of_draws, of in ((power, drawn, "power"), (threshold, thresholds, "threshold")):
         assert_chance(float(stats.ks_2samp(of_draws, plain[hit]).pvalue), of)
-    inverse = cfar.inverse_detected(np.array([[snr]]), np.array([order]))[0]
-    spread = (1 / power[hit]).std() / np.sqrt(hit.sum())
-    assert abs((1 / power[hit]).mean() - inverse) < 5 * spread + 1e-3 * inverse
 
 
 def test_the_mean_inverse_of_one_look_is_that_of_swerling_1() -> None:
@@ -476,9 +449,8 @@ def test_counts_are_binomial_and_almost_never_is_not_never(count, pfa):
 
 def test_counts_where_there_are_no_cells_or_all_alarm():
     rng = np.random.default_rng(4)
-    assert detection.draw_count(0, 0.1, rng) == detection.draw_count(100, 0.0, rng) == 0
-    assert detection.draw_count(100, 1.0, rng) == 100
-    assert isinstance(detection.draw_count(100, 0.1, rng), int)
+    cases = ((0, 0.1), (100, 0.0), (100, 1.0))
+    assert [detection.draw_count(count, pfa, rng) for count, pfa in cases] == [0, 0, 100]
     assert detection.cells_across(10.0, 30.0) == 1  # a beam wider than the cover
     assert detection.cells_across(110.0, 30.0) == pytest.approx(11 / 3, rel=1e-15)
 

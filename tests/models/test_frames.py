@@ -194,6 +194,14 @@ def test_undefined_angles_stay_undefined():
     assert not np.isfinite(nowhere).any()
 
 
+def test_a_position_of_single_precision_loses_metres_and_ours_does_not() -> None:
+    frame = LocalFrame(40.45, -3.73, 650.0)
+    ecef_m = frame.to_ecef(np.array([1234.5678, -987.6543, 55.5]))
+    rounded = frame.from_ecef(ecef_m.astype(np.float32))
+    assert np.abs(rounded - [1234.5678, -987.6543, 55.5]).max() > 0.05
+    assert np.abs(frame.from_ecef(ecef_m) - [1234.5678, -987.6543, 55.5]).max() < 5e-9
+
+
 def test_shapes_broadcast():
     ecef = geodetic_to_ecef(np.zeros((4, 1)), np.zeros(5), 0.0)
     assert ecef.shape == (4, 5, 3)

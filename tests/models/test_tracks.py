@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import permutations
@@ -23,6 +24,7 @@ from support.significance import (
 
 from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.plain_tracker import (
     LocatedPlots,
     PlainMotion,
@@ -73,38 +75,31 @@ class Told:
     velocity_errors: Array
 
 
-def looks_at(drones: Array, t_ns: int, hit: Array, covariance_m2: Array) -> TrackerLooks:
-    return TrackerLooks(
-        drone=drones,
-        t_utc_ns=np.full(len(drones), t_ns),
-        hit=hit,
-        covariance_m2=np.broadcast_to(covariance_m2, (len(drones), 3, 3)).copy(),
-    )
-
-
-def track(seed: int, drones: int = N, scans: int = 10, gone: int = 99) -> list[Told]:
+def track(
+    seed: int,
+    drones: int = N,
+    scans: int = 10,
+    gone: int = 99,
+    covariances_m2: Callable[[int], Array] = lambda _: COVARIANCE_M2,
+) -> list[Told]:
     """Scan by scan; all are hit but in MISSED. From scan `gone` on nobody is there any more."""
     tracks, chance, found = SmoothedTruth(RULE, SMOOTHING), Chance(seed, "radar"), []
     every = np.arange(drones)
     for scan in range(scans):
         end_ns = (scan + 1) * PERIOD_NS
-        hit = np.full(drones, scan not in MISSED)
+        looks = TrackerLooks(
+            drone=every,
+            t_utc_ns=np.full(drones, end_ns),
+            hit=np.full(drones, scan not in MISSED),
+            covariance_m2=np.broadcast_to(covariances_m2(scan), (drones, 3, 3)).copy(),
+        )
         truth = truth_at(end_ns, every if scan < gone else every[:0])
-        states = tracks.take(
-            looks_at(every, end_ns, hit, COVARIANCE_M2),
-            truth,
-            start_ns=end_ns - PERIOD_NS,
-            end_ns=end_ns,
-            rng=chance.rng(Purpose.TRACKS, scan),
-        )
+        rng = chance.rng(Purpose.TRACKS, scan)
+        states = tracks.take(looks, truth, start_ns=end_ns - PERIOD_NS, end_ns=end_ns, rng=rng)
         now = truth_at(end_ns, states.drone)
-        found.append(
-            Told(
-                states,
-                states.position_enu_m - now.position_enu_m,
-                states.velocity_enu_m_s - now.velocity_enu_m_s,
-            )
-        )
+        position_errors = states.position_enu_m - now.position_enu_m
+        velocity_errors = states.velocity_enu_m_s - now.velocity_enu_m_s
+        found.append(Told(states, position_errors, velocity_errors))
     return found
 
 
@@ -118,7 +113,7 @@ def over_sigma(errors: Array, sigmas: Array) -> Array:
     return (errors @ AXES / sigmas).T
 
 
-def test_errors_are_those_that_the_filter_leaves() -> None:
+def test_errors_are_those_that_the_filter_leaves_and_the_track_states() -> None:
     design = AlphaBeta(SMOOTHING)
     for scan in (1, 5, 6, 8, 9):
         misses = scan - 5 if scan in MISSED else 0
@@ -128,6 +123,9 @@ def test_errors_are_those_that_the_filter_leaves() -> None:
             assert_standard_normal(axis, f"position, scan {scan}")
         for axis in over_sigma(long()[scan].velocity_errors, velocity):
             assert_standard_normal(axis, f"velocity, scan {scan}")
+        expected = np.sqrt(np.diagonal(COVARIANCE_M2) * design.position_variance(misses))
+        stated = long()[scan].states.sigma_position_m
+        np.testing.assert_allclose(stated, np.broadcast_to(expected, (N, 3)))
 
 
 def test_errors_are_correlated_over_the_memory() -> None:
@@ -142,14 +140,6 @@ def test_errors_are_correlated_over_the_memory() -> None:
             assert_uncorrelated(new, before[axis])
 
 
-def test_it_states_the_errors_that_it_has() -> None:
-    design = AlphaBeta(SMOOTHING)
-    for scan, misses in ((2, 0), (8, 3)):
-        expected = np.sqrt(np.diagonal(COVARIANCE_M2) * design.position_variance(misses))
-        stated = long()[scan].states.sigma_position_m
-        np.testing.assert_allclose(stated, np.broadcast_to(expected, (N, 3)))
-
-
 def test_the_track_of_a_drone_that_is_gone_flies_straight_on_and_ends() -> None:
     told = track(seed=202, scans=14, gone=4)
     assert [len(t.states) for t in told] == [0] + [N] * 12 + [0]
@@ -159,113 +149,62 @@ def test_the_track_of_a_drone_that_is_gone_flies_straight_on_and_ends() -> None:
         assert_standard_normal(axis, "coasted to the end")
 
 
-def test_plots_without_an_error_leave_the_truth() -> None:
-    tracks = SmoothedTruth(RULE, SMOOTHING)
-    only = np.array([7])
-    for scan in range(4):
-        end_ns = (scan + 1) * PERIOD_NS
-        states = tracks.take(
-            looks_at(only, end_ns, np.array([True]), np.zeros((3, 3))),
-            truth_at(end_ns, only),
-            start_ns=end_ns - PERIOD_NS,
-            end_ns=end_ns,
-            rng=np.random.default_rng(scan),
-        )
-    np.testing.assert_array_equal(states.position_enu_m, truth_at(end_ns, only).position_enu_m)
-
-
-def test_an_error_without_bounds_teaches_nothing() -> None:
-    tracks, drone = SmoothedTruth(RULE, SMOOTHING), np.array([0])
-    for scan, factor in enumerate((1.0, np.inf, 1.0, np.nan)):
-        end_ns = (scan + 1) * PERIOD_NS
-        states = tracks.take(
-            looks_at(drone, end_ns, np.array([True]), np.where(np.eye(3) > 0, factor, 0)),
-            truth_at(end_ns, drone),
-            start_ns=end_ns - PERIOD_NS,
-            end_ns=end_ns,
-            rng=np.random.default_rng(scan),
-        )
+def test_plots_without_an_error_leave_the_truth_and_one_without_bounds_teaches_nothing() -> None:
+    told = track(1, drones=1, scans=4, covariances_m2=lambda _: np.zeros((3, 3)))
+    assert not told[-1].position_errors.any()
+    factors = (1.0, np.inf, 1.0, np.nan)
+    told = track(
+        1, drones=1, scans=4, covariances_m2=lambda k: np.where(np.eye(3) > 0, factors[k], 0.0)
+    )
     expected = AlphaBeta(SMOOTHING).position_variance(0) ** 0.5
-    np.testing.assert_allclose(states.sigma_position_m, np.full((1, 3), expected))
+    np.testing.assert_allclose(told[-1].states.sigma_position_m, np.full((1, 3), expected))
+
+
+def plots_of(**columns: list[float]) -> Plots:
+    n = len(columns["range_m"])
+    given = {name: np.array(column) for name, column in columns.items()}
+    return Plots.of(t_utc_ns=np.zeros(n, np.int64), **given)
 
 
 def test_stated_errors_of_range_and_angles_become_a_covariance() -> None:
-    """Against what errors drawn so come to."""
-    one = {"range_m": 3000.0, "azimuth_deg": 60.0, "elevation_deg": 25.0}
-    sigmas = {"sigma_range_m": 8.0, "sigma_azimuth_deg": 0.4, "sigma_elevation_deg": 0.9}
-    plots = Plots.of(
-        t_utc_ns=np.zeros(1, np.int64), **{k: np.array([v]) for k, v in (one | sigmas).items()}
-    )
-    rng, n = np.random.default_rng(205), 400_000
-    range_m, azimuth, elevation = (
-        value + sigma * rng.standard_normal(n)
-        for value, sigma in zip(one.values(), sigmas.values(), strict=True)
-    )
-    azimuth, elevation = np.radians(azimuth), np.radians(elevation)
-    east_north_up = range_m * np.stack(
-        [
-            np.sin(azimuth) * np.cos(elevation),
-            np.cos(azimuth) * np.cos(elevation),
-            np.sin(elevation),
-        ]
-    )
-    drawn = np.cov(east_north_up)
-    np.testing.assert_allclose(stated_covariance_m2(plots)[0], drawn, rtol=0.02, atol=5.0)
+    """By differences of the place; an error without bounds has none."""
+    place, sigmas = np.array([3000.0, 60.0, 25.0]), np.array([8.0, 0.4, 0.9])
+    steps = [
+        (np.subtract(*(aer_to_enu(*(place + sign * each)[[1, 2, 0]]) for sign in (1, -1))) / 2e-3)
+        for each in 1e-3 * np.diag(sigmas)
+    ]
+    names = ("range_m", "azimuth_deg", "elevation_deg")
+    stated = {f"sigma_{name}": [s, s] for name, s in zip(names, sigmas, strict=True)}
+    stated["sigma_range_m"][1] = np.inf
+    plots = plots_of(**{n: [x, x] for n, x in zip(names, place, strict=True)}, **stated)
+    covariance_m2 = stated_covariance_m2(plots)
+    np.testing.assert_allclose(covariance_m2[0], np.transpose(steps) @ steps, rtol=1e-6, atol=1e-3)
+    assert np.isnan(covariance_m2[1]).all()
 
 
 def test_a_level_covariance_is_taken_as_it_is() -> None:
-    plots = Plots.of(
-        t_utc_ns=np.zeros(1, np.int64),
-        range_m=np.array([1000.0]),
-        azimuth_deg=np.array([10.0]),
-        covariance_east_m2=np.array([9.0]),
-        covariance_north_m2=np.array([4.0]),
-        covariance_east_north_m2=np.array([-2.0]),
-    )
+    plots = plots_of(
+        range_m=[1000.0], azimuth_deg=[10.0], covariance_east_m2=[9.0], covariance_north_m2=[4.0],
+        covariance_east_north_m2=[-2.0],
+    )  # fmt: skip
     expected = [[9.0, -2.0, 0.0], [-2.0, 4.0, 0.0], [0.0, 0.0, 0.0]]
     np.testing.assert_array_equal(stated_covariance_m2(plots)[0], expected)
 
 
-def test_an_error_without_bounds_is_none() -> None:
-    plots = Plots.of(
-        t_utc_ns=np.zeros(2, np.int64),
-        range_m=np.full(2, 1000.0),
-        azimuth_deg=np.full(2, 10.0),
-        sigma_range_m=np.array([1.0, np.inf]),
-        sigma_azimuth_deg=np.ones(2),
-    )
-    covariance_m2 = stated_covariance_m2(plots)
-    assert np.isfinite(covariance_m2[0]).all()
-    assert np.isnan(covariance_m2[1]).all()
-
-
-MEMORIES = pytest.mark.parametrize("scans", [0.1, 0.5, 1.0, 3.0, 10.0, 100.0])
 FLIGHT = np.array([[1.0, 1.0], [0.0, 1.0]])  # a period of x and vT
 
 
-def errors_of(design: AlphaBeta) -> np.ndarray:
-    """Covariance of x and vT for plots of variance 1, by the filter's own equations."""
+@pytest.mark.parametrize("scans", [0.1, 0.5, 1.0, 3.0, 10.0, 100.0])
+def test_variances_are_those_of_the_filters_equations_and_of_straight_flight(scans: float) -> None:
+    """Covariance of x and vT for plots of variance 1."""
+    design = AlphaBeta(scans)
     gain = np.array([[design.alpha], [design.beta]])
     left = (np.eye(2) - gain @ np.array([[1.0, 0.0]])) @ FLIGHT
-    covariance: np.ndarray = solve_discrete_lyapunov(left, gain @ gain.T)
-    return covariance
-
-
-@MEMORIES
-def test_variances_are_those_of_the_filters_equations(scans: float) -> None:
-    design = AlphaBeta(scans)
-    expected = errors_of(design)
-    assert design.position_variance(0) == pytest.approx(expected[0, 0], rel=1e-9)
-    assert design.velocity_variance() == pytest.approx(expected[1, 1], rel=1e-9)
-
-
-@MEMORIES
-def test_a_coasted_position_is_that_of_a_straight_flight(scans: float) -> None:
-    design = AlphaBeta(scans)
-    covariance = errors_of(design)
-    for misses in range(1, 6):
-        covariance = FLIGHT @ covariance @ FLIGHT.T
+    covariance = solve_discrete_lyapunov(left, gain @ gain.T)
+    assert design.velocity_variance() == pytest.approx(covariance[1, 1], rel=1e-9)
+    for misses in range(6):
         assert design.position_variance(misses) == pytest.approx(covariance[0, 0], rel=1e-9)
+        covariance = FLIGHT @ covariance @ FLIGHT.T
 
 
 # The plain tracker: lives of tracks by M of N, the best pairs, misses, swaps and deception.
@@ -301,7 +240,11 @@ def tracker_of(rule: TrackRule = PLAIN_RULE, *, turns: bool = False) -> PlainTra
 
 
 def test_a_track_begins_with_three_plots_coasts_and_ends_with_three_misses() -> None:
+    """What is seen twice in five looks before is forgotten."""
     tracker = tracker_of()
+    for k in (0, 3, 4, 5, 6, 7):
+        assert not len(scan(tracker, k - 12, *([(0.0, 900.0, 50.0)] if k < 4 else [])))
+    assert len(tracker) == 0
     there = [True, False, True, True, True, False, True, False, False, False, False]
     told = [
         scan(tracker, k, *([(10.0 * k, 500.0, 80.0)] if seen else []))
@@ -318,15 +261,6 @@ def test_a_track_begins_with_three_plots_coasts_and_ends_with_three_misses() -> 
     assert len(tracker) == 0
 
 
-def test_what_is_seen_twice_in_five_looks_is_no_track_and_is_forgotten() -> None:
-    tracker = tracker_of()
-    for k in range(12):
-        assert not len(scan(tracker, k, *([(0.0, 900.0, 50.0)] if k in (0, 3, 9) else [])))
-    assert len(tracker) == 1  # the last one still may begin
-    scan(tracker, 12)
-    assert len(tracker) == 0
-
-
 def test_a_beam_that_turns_tells_of_a_target_once_a_turn_and_misses_it_half_a_turn_late() -> None:
     tracker, told = tracker_of(turns=True), []
     for k in range(40):  # eighths of a turn; the target is in the third of each, but for turns 3, 4
@@ -338,22 +272,14 @@ def test_a_beam_that_turns_tells_of_a_target_once_a_turn_and_misses_it_half_a_tu
     assert [int(t.misses[0]) for t in told if len(t)] == [0, 1, 2]
 
 
-def test_time_in_which_nobody_looked_counts_for_nothing() -> None:
+def test_time_in_which_nobody_looked_counts_for_nothing_and_two_channels_are_one_track() -> None:
     tracker = tracker_of()
-    for k in range(3):
-        scan(tracker, k, (0.0, 700.0, 60.0))
-    after = scan(tracker, 30, (0.0, 700.0, 60.0))
-    assert after.track.tolist() == [1]
-    assert after.misses.tolist() == [0]
-
-
-def test_two_transmitters_that_show_a_target_make_one_track_of_it() -> None:
-    tracker = tracker_of()
-    for k in range(6):
+    for k in (0, 1, 2, 30, 31):
         end_ns = START_NS + (k + 1) * S
         twice = plots([(0.0, 700.0, 60.0), (4.0, 702.0, 61.0)], end_ns, channel=np.array([0, 1]))
         told = tracker.take(twice, start_ns=end_ns - S, end_ns=end_ns)
     assert told.track.tolist() == [1]
+    assert told.misses.tolist() == [0]
     assert len(tracker) == 1
 
 
