@@ -21,8 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "feeds" / "engine")
 from aims import ratios, spread
 from section_4_crowd import at_work, ns_per_drone, place, scene_of
 from support.hills import write_ridge
-from support.instructions import text_of
-from test_off_costs_nothing import QUESTIONS, SENSORS, executed
+from test_off_costs_nothing import QUESTIONS, SENSORS, executed, text_of
 
 from plotfeed import Engine
 from plotfeed.feeds.console.process import keep_freed

@@ -21,8 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
 
 from pages import between, table
-from support.judged_scenes import LINKS, JudgedScene, judged_scene
-from support.random_scenes import SECONDS
+from support.random_scenes import LINKS, SECONDS, JudgedScene, judged_scene
 
 from plotfeed.feeds.lab.judge import FALSE_RATES
 from plotfeed.feeds.scene.sensors import SENSORS

@@ -6,18 +6,20 @@ ask whether there is any takes less than a fiftieth of all instructions.
 
 from __future__ import annotations
 
+import linecache
 import re
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
 from support.every_kind import EMITTER, GATE, MICROPHONES, MIMO, PASSIVE, RF
 from support.hills import write_ridge
-from support.instructions import Place, instructions_of, text_of
 
 from plotfeed import Engine
 from plotfeed.feeds.messages.batch import Batch
@@ -25,6 +27,8 @@ from plotfeed.feeds.scene import sensors
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, held, radar, rotating, scene
 
+Place = tuple[str, int]  # A file and a line
+ROOMS = tuple(f"{Path(__file__).parents[3] / room}/" for room in ("feeds", "models", "proto"))
 QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
     r"|groups is|echo_effects is|strengths|intervals is|_with_effects"
@@ -62,6 +66,33 @@ EVERYTHING = {
     "pulses": {"prf_hz": [5000.0]},
     "decorrelation_s": 1.0,
 }
+
+
+def instructions_of(call: Callable[[], object]) -> Counter[Place]:
+    """How many of the interpreter's instructions each line of ours executes."""
+    counts: Counter[Place] = Counter()
+
+    def trace(frame: FrameType, event: str, _argument: Any) -> Any:
+        if event == "call":
+            if not frame.f_code.co_filename.startswith(ROOMS):
+                return None
+            frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        elif event == "opcode":
+            counts[frame.f_code.co_filename, frame.f_lineno or 0] += 1
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        call()
+    finally:
+        sys.settrace(before)
+    return counts
+
+
+def text_of(place: Place) -> str:
+    """The line itself."""
+    return linecache.getline(*place).strip()
 
 
 def engine_of(sensor: dict[str, Any], drones: int = 3) -> Engine:

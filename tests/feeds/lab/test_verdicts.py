@@ -10,8 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 from scipy import stats
-from support.judged_scenes import JudgedScene, judged_scene
-from support.random_scenes import every_name, names_in, random_tree
+from support.random_scenes import JudgedScene, every_name, judged_scene, names_in, random_tree
 from support.significance import FALSE_ALARM_RATE, assert_chance
 
 from plotfeed.feeds.lab.judge import FALSE_RATES
