@@ -23,7 +23,7 @@ LOWEST := tests/replay/mcap/test_mcap.py tests/replay/test_tables.py \
   tests/proto/asterix/test_asterix_judges.py::test_libasterix_reads_the_same_in_recordings \
   tests/proto/sapient/test_sapient.py tests/feeds/formats/test_formats.py \
   tests/feeds/telemetry/flights/test_golden_flights.py \
-  tests/feeds/telemetry/flights/test_autopilot_logs.py \
+  tests/feeds/telemetry/flights/test_logs.py \
   tests/feeds/telemetry/test_foreign_files.py tests/feeds/engine/test_terrain_files.py \
   tests/feeds/scene/test_sea_heights.py tests/feeds/session/test_metrics.py \
   tests/feeds/page/test_server.py::test_every_file_is_served_by_its_kind_and_policy_and_nothing_else_is \

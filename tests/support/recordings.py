@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 
 from hypothesis import strategies as st
 
+from plotfeed.replay.files import FileFormat, format_of_suffix, writer_to
 from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import (
     LATEST_NS,
@@ -64,13 +66,20 @@ def plots(count: int, *, step_ns: int = 10 * MS, **more: object) -> list[Recorde
     ]
 
 
-def written(make: Callable[[io.BytesIO], RecordingWriter], messages: list[Recorded]) -> bytes:
+def written(make: Callable[[io.BytesIO], RecordingWriter], messages: Sequence[Recorded]) -> bytes:
     """A file of all these messages."""
     file = io.BytesIO()
     writer = make(file)
     assert [writer.write(each) for each in messages] == [None] * len(messages)
     writer.close()
     return file.getvalue()
+
+
+def stored(path: Path, messages: Sequence[Recorded], form: FileFormat | None = None) -> Path:
+    """A file of these messages, in the format of its suffix where no other is asked for."""
+    kind = form or format_of_suffix(path)
+    path.write_bytes(written(lambda file: writer_to(file, kind), messages))
+    return path
 
 
 def read(

@@ -15,7 +15,17 @@ import pytest
 from support.asterix_input import plots as plots_of
 from support.command import PLOTFEED, plotfeed_here
 from support.given_recordings import EVERY_RECORDING
-from support.recordings import MS, START_NS, block, block_048, message, plots, written
+from support.recordings import (
+    MS,
+    SCENE,
+    START_NS,
+    block,
+    block_048,
+    mcap_of,
+    message,
+    plots,
+    stored,
+)
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.recording.convert import convert_recording
@@ -23,25 +33,22 @@ from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import PlotEncoder015
-from plotfeed.proto.content_types import PLOT_BATCH, asterix_content_type, protobuf_content_type
+from plotfeed.proto.content_types import (
+    JSON,
+    PLOT_BATCH,
+    asterix_content_type,
+    protobuf_content_type,
+)
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.files import FileFormat, format_of, writer_to
-from plotfeed.replay.mcap import McapReader, McapWriter
-from plotfeed.replay.recorded import Attachment, Recorded, Stage
+from plotfeed.replay.files import FileFormat, format_of
+from plotfeed.replay.mcap import McapReader
+from plotfeed.replay.recorded import Recorded, Stage
 
 Capture = pytest.CaptureFixture[str]
+BATCH = protobuf_content_type(PLOT_BATCH)
 DAY_NS = START_NS - 43_200_000_000_000
 DAY = datetime(2026, 1, 1)  # noqa: DTZ001 - as click gives it
 BOTH_WAYS = [FileFormat.MCAP, FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW, FileFormat.JSON]
-
-
-def suffix_format(path: Path) -> FileFormat:
-    return FileFormat({"ast": "raw", "ff": "final"}.get(path.suffix[1:], path.suffix[1:]))
-
-
-def stored(path: Path, messages: list[Recorded]) -> Path:
-    path.write_bytes(written(lambda file: writer_to(file, suffix_format(path)), messages))
-    return path
 
 
 def read(path: Path, date_utc_ns: int = 0) -> list[Recorded]:
@@ -67,8 +74,7 @@ def test_every_format_becomes_every_other_and_payloads_stay(
 ) -> None:
     sent = plots(20, step_ns=250 * MS)
     for origin in BOTH_WAYS:
-        source = tmp_path / f"in.{origin}"
-        source.write_bytes(written(lambda file: writer_to(file, origin), sent))  # noqa: B023
+        source = stored(tmp_path / f"in.{origin}", sent, origin)
         for to in BOTH_WAYS:
             target = tmp_path / f"{origin}.{to}"
             found = totals(capsys, source, target, date=DAY, to_format=to)
@@ -95,23 +101,13 @@ def test_a_recording_of_others_comes_back_to_the_octet(
 
 def session() -> list[Recorded]:
     (plot,) = plots(1)
+    telemetry, batch = "plotfeed/telemetry/d", "plotfeed/radar/plots"
+    asked = {"content_type": JSON, "stage": Stage.TELEMETRY}
     return [
-        message(
-            b"{}",
-            START_NS,
-            topic="plotfeed/telemetry/d",
-            content_type="application/json",
-            stage=Stage.TELEMETRY,
-        ),
+        message(b"{}", START_NS, topic=telemetry, **asked),
         message(plot.payload, START_NS + 1, stage=Stage.BEFORE),
         message(plot.payload, START_NS + 2, stage=Stage.AFTER),
-        message(
-            b"",
-            START_NS + 3,
-            topic="plotfeed/radar/plots",
-            content_type="application/x-protobuf; messageType=plotfeed.v1.PlotBatch",
-            stage=Stage.AFTER,
-        ),
+        message(b"", START_NS + 3, topic=batch, content_type=BATCH, stage=Stage.AFTER),
     ]
 
 
@@ -142,9 +138,6 @@ def test_what_a_format_cannot_hold_is_counted_with_its_reason(
     assert out[1] == "  left out 1 messages: of stage telemetry; --stage takes them"
 
 
-BATCH = protobuf_content_type(PLOT_BATCH)
-
-
 def several_formats() -> list[Recorded]:
     """Two plots of one radar, each in 015, 048 and a batch, a track in 062, and 048 by UDP.
 
@@ -157,16 +150,19 @@ def several_formats() -> list[Recorded]:
         batch.plots.add(time_utc_ns=t_ns, range_m=1000.0)
         (in_015,) = PlotEncoder015(25, 1).blocks(plots_of(t_utc_ns=np.array([t_ns])))
         first, second, third = (block_048(43_200 + n, sic=sic) for sic in (1, 2, 3))
-        for topic, payload, kind in (
-            ("plotfeed/radar/asterix/048", first, asterix_content_type(48)),
-            ("plotfeed/radar/asterix/015", in_015, asterix_content_type(15)),
-            ("plotfeed/radar/plots", batch.SerializeToString(), BATCH),
-            ("udp/127.0.0.1/8600", first, asterix_content_type(48)),
-            ("udp/127.0.0.1/8600", second, asterix_content_type(48)),
-            ("plotfeed/other/asterix/048", second, asterix_content_type(48)),
-            ("udp/127.0.0.1/8601", third, asterix_content_type(48)),
-        ):
-            sent.append(message(payload, t_ns, topic=topic, content_type=kind))
+        sent += [
+            message(payload, t_ns, topic=topic, content_type=asterix_content_type(payload[0]))
+            for topic, payload in (
+                ("plotfeed/radar/asterix/048", first),
+                ("plotfeed/radar/asterix/015", in_015),
+                ("udp/127.0.0.1/8600", first),
+                ("udp/127.0.0.1/8600", second),
+                ("plotfeed/other/asterix/048", second),
+                ("udp/127.0.0.1/8601", third),
+            )
+        ]
+        told = batch.SerializeToString()
+        sent.append(message(told, t_ns, topic="plotfeed/radar/plots", content_type=BATCH))
     return sent
 
 
@@ -202,11 +198,10 @@ def test_a_table_of_plots_has_each_plot_once_and_others_have_one_format(
 def test_tracks_are_no_plots(tmp_path: Path) -> None:
     track = block(62, "90", "190d", "01", "546000")
     source = stored(tmp_path / "in.mcap", [message(track, topic="p/a/asterix/062"), *plots(1)])
-    for name, sic in (("out.csv", "13"), ("asterix-062.csv", "13")):
+    for name, category in (("out.csv", "048"), ("asterix-062.csv", "062")):
         assert convert(source, tmp_path / name) == 0
         (row,) = csv.DictReader((tmp_path / name).read_text().splitlines())
-        assert row["category"] == ("062" if "062" in name else "048")
-        assert row["sic"] == sic
+        assert (row["category"], row["sic"]) == (category, "13")
 
 
 NONE_IS_ASKED = "none is of the topics, stages and times asked for"
@@ -269,21 +264,18 @@ def test_a_file_without_a_date_takes_it_from_the_command_or_says_so(
     tmp_path: Path, capsys: Capture
 ) -> None:
     source = stored(tmp_path / "in.ast", plots(3))
-    found = totals(capsys, source, tmp_path / "one.jsonl", date=DAY)
-    assert found["notes"] == []
-    assert found["first_utc"] == "2026-01-01T12:00:00.000000000Z"
-    found = totals(capsys, source, tmp_path / "other.jsonl")
-    assert found["notes"] == ["raw has no date: its first day is 1970-01-01"]
-    assert found["first_utc"] == "1970-01-01T12:00:00.000000000Z"
+    note = "raw has no date: its first day is 1970-01-01"
+    for date, day, notes in ((DAY, "2026-01-01", []), (None, "1970-01-01", [note])):
+        found = totals(capsys, source, tmp_path / f"{day}.jsonl", date=date)
+        assert (found["notes"], found["first_utc"]) == (notes, f"{day}T12:00:00.000000000Z")
 
 
 @pytest.mark.parametrize("form", BOTH_WAYS)
 def test_what_is_whole_of_a_damaged_file_is_converted_and_the_rest_told(
     form: FileFormat, tmp_path: Path, capsys: Capture
 ) -> None:
-    source = tmp_path / f"in.{form}"
-    data = written(lambda file: writer_to(file, form), plots(400))
-    source.write_bytes(data[: len(data) * 9 // 10 - 3])
+    source = stored(tmp_path / "in", plots(400), form)
+    os.truncate(source, source.stat().st_size * 9 // 10 - 3)
     found = totals(capsys, source, tmp_path / "out.mcap", from_format=form)
     assert 300 <= found["messages"] <= 400 or form is FileFormat.MCAP
     assert found["damage"] != []
@@ -296,20 +288,13 @@ def test_a_log_that_was_never_ended_is_recovered_with_its_attachments(
     tmp_path: Path, capsys: Capture
 ) -> None:
     source, target = tmp_path / "killed.mcap", tmp_path / "recovered.mcap"
-    scene = Attachment(name="scene.toml", media_type="application/toml", data=b"[scene]\n")
-    with source.open("wb") as file:
-        log = McapWriter(file, attachments=[scene])
-        for each in plots(50):
-            log.write(each)
-        log.flush()
+    source.write_bytes(mcap_of(plots(50), close=False))
     found = totals(capsys, source, target)
     assert found["messages"] == 50
     assert found["damage"] != []
     assert read(target) == plots(50)
-    with ForeignReader(target) as recording:
-        (entry,) = recording.attachments()
-        assert recording.attachment(entry.name) == scene
     with McapReader(target) as log:
+        assert log.attachment(SCENE.name) == SCENE
         assert log.is_indexed
     assert totals(capsys, target, tmp_path / "out.jsonl")["notes"] == [
         "the attachment 'scene.toml' was left out"
@@ -355,7 +340,7 @@ def test_a_conversion_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
-    source = stored(tmp_path / "in.ast", [message(block_048(43_200 + n)) for n in range(9)])
+    source = stored(tmp_path / "in.ast", plots(9, step_ns=1000 * MS))
     target = tmp_path / "out.whatever"
     done = plotfeed_here(
         "convert", source, target, "--to", "jsonl", "--date", "2026-01-01", "--start", "2",
@@ -363,9 +348,8 @@ def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["messages"] == 3
-    assert [each.log_time_ns for each in read(target)] == [
-        START_NS + n * 1000 * MS for n in (2, 3, 4)
-    ]
+    sent = plots(9, step_ns=1000 * MS)[2:5]
+    assert [each.log_time_ns for each in read(target)] == [each.log_time_ns for each in sent]
     again = plotfeed_here("convert", source, target, "--to", "jsonl")
     assert again.returncode == 2
     assert again.stderr.startswith(f"plotfeed: {target}: is there already")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.recordings import MESSAGES, message, plots, written
+from support.recordings import MESSAGES, mcap_of, message, plots, stored, written
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.recording import foreign_recordings
@@ -65,11 +65,6 @@ LATER_LIES = [
 ]
 
 
-def stored(path: Path, messages: list[Recorded]) -> Path:
-    path.write_bytes(written(lambda file: writer_to(file, FileFormat.MCAP), messages))
-    return path
-
-
 @given(st.lists(MESSAGES, max_size=8))
 @settings(max_examples=20)
 def test_what_another_process_reads_is_what_this_one_would(
@@ -115,10 +110,7 @@ def test_a_pipe_is_read_as_it_is_written(tmp_path: Path) -> None:
 
 def test_an_attachment_is_found_and_what_is_wrong_with_it_told(tmp_path: Path) -> None:
     path, scene = tmp_path / "log.mcap", Attachment(name="a", media_type="b", data=b"text" * 9)
-    with path.open("wb") as file:
-        writer = writer_to(file, FileFormat.MCAP)
-        writer.attach(scene)
-        writer.close()
+    path.write_bytes(mcap_of([], attachments=[scene]))
     with ForeignReader(path) as recording:
         assert recording.attachment("a") == scene
         assert recording.attachment("other") is None
@@ -139,7 +131,10 @@ def test_it_has_limits_no_network_and_none_of_our_secrets(
         start = CONFINED.replace("PORT", str(listener.getsockname()[1]))
         monkeypatch.setattr(foreign_recordings, "_START", start)
         monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", "secret")
-        with pytest.raises(PlotfeedError) as told, ForeignReader(stored(tmp_path / "a", plots(1))):
+        with (
+            pytest.raises(PlotfeedError) as told,
+            ForeignReader(stored(tmp_path / "a.mcap", plots(1))),
+        ):
             pass
     facts = json.loads(str(told.value).partition(": ")[2])
     network = facts.pop("network")

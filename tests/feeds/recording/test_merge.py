@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import pytest
 from support.command import plotfeed_here
-from support.recordings import MS, START_NS, mcap_of, message, messages
+from support.recordings import MS, SCENE, START_NS, mcap_of, message, messages
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.replay.mcap import McapReader, McapWriter
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 SENSORS = ("north", "south", "west")
@@ -39,12 +39,8 @@ def read(path: Path) -> tuple[list[Recorded], list[Attachment]]:
         return list(log.messages()), [each for each in found if each is not None]
 
 
-def stored(path: Path, recorded: Sequence[Recorded], attachments: Sequence[Attachment]) -> Path:
-    with path.open("wb") as file:
-        writer = McapWriter(file, attachments=attachments)
-        for each in recorded:
-            writer.write(each)
-        writer.close()
+def stored(path: Path, recorded: Iterable[Recorded], *attachments: Attachment) -> Path:
+    path.write_bytes(mcap_of(recorded, attachments=attachments))
     return path
 
 
@@ -52,7 +48,7 @@ def parts(single: Path, folder: Path, takes: Sequence[Callable[[Recorded], bool]
     """What workers would have recorded of it."""
     recorded, attachments = read(single)
     return [
-        stored(folder / f"worker-{n}.mcap", [each for each in recorded if take(each)], attachments)
+        stored(folder / f"worker-{n}.mcap", filter(take, recorded), *attachments)
         for n, take in enumerate(takes)
     ]
 
@@ -69,8 +65,7 @@ def is_of(*sensors: str) -> Callable[[Recorded], bool]:
 
 def in_order(recorded: Sequence[Recorded]) -> list[tuple[object, ...]]:
     """Messages by time, and those of one time in some order."""
-    return sorted((m.log_time_ns, m.topic, str(m.stage), m.payload, m.properties, m.publish_time_ns)
-                  for m in recorded)  # fmt: skip
+    return sorted((m.log_time_ns, str(m.stage), *m) for m in recorded)
 
 
 def test_workers_recordings_become_that_of_one_process(single: Path, tmp_path: Path) -> None:
@@ -96,12 +91,14 @@ def test_a_message_that_both_hold_comes_once_and_one_that_came_twice_comes_twice
     tmp_path: Path,
 ) -> None:
     (one, two, three) = messages(3)
-    (tmp_path / "a.mcap").write_bytes(mcap_of([one, two, two]))
-    (tmp_path / "b.mcap").write_bytes(mcap_of([later(one), later(two), three]))
-    done = plotfeed_here("merge", tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap")
-    assert done.returncode == 0
-    assert "left out 2 messages that another recording has" in done.stdout
-    assert in_order(read(tmp_path / "c.mcap")[0]) == in_order([one, two, two, three])
+    found, said = merged(tmp_path, [one, two, two], [later(one), later(two), three])
+    assert "left out 2 messages that another recording has" in said
+    assert in_order(found) == in_order([one, two, two, three])
+    (tmp_path / "all.mcap").unlink()
+    topic, stage = "plotfeed/telemetry/a", Stage.TELEMETRY  # which several workers took in
+    came = [message(b"%d" % n, START_NS + n * MS, topic=topic, stage=stage) for n in range(5)]
+    found, _ = merged(tmp_path, came[:4], map(later, came[2:]))
+    assert [each.payload for each in found] == [b"0", b"1", b"2", b"3", b"4"]
 
 
 def later(recorded: Recorded) -> Recorded:
@@ -109,24 +106,20 @@ def later(recorded: Recorded) -> Recorded:
     return recorded._replace(log_time_ns=recorded.log_time_ns + 500 * MS)
 
 
-def test_telemetry_that_two_workers_took_in_is_there_once(tmp_path: Path) -> None:
-    came = [
-        message(b"%d" % n, START_NS + n * MS, topic="plotfeed/telemetry/a", stage=Stage.TELEMETRY)
-        for n in range(5)
-    ]
-    (tmp_path / "a.mcap").write_bytes(mcap_of(came[:4]))
-    (tmp_path / "b.mcap").write_bytes(mcap_of(map(later, came[2:])))
-    plotfeed_here("merge", tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap")
-    assert [each.payload for each in read(tmp_path / "c.mcap")[0]] == [b"0", b"1", b"2", b"3", b"4"]
+def merged(folder: Path, *recordings: Iterable[Recorded]) -> tuple[list[Recorded], str]:
+    """What is in the recording that is made of these, and what is said of it."""
+    sources = [stored(folder / f"{n}.mcap", each, SCENE) for n, each in enumerate(recordings)]
+    done = plotfeed_here("merge", *sources, folder / "all.mcap")
+    return read(folder / "all.mcap")[0], done.stdout
 
 
 def test_what_is_not_of_one_session_is_refused_in_a_line(single: Path, tmp_path: Path) -> None:
     recorded, (scene, *_) = read(single)
     other = Attachment(name=scene.name, media_type="", data=scene.data + b"# other\n")
     paths = {
-        "other": stored(tmp_path / "other.mcap", recorded[:9], [other]),
-        "bare": stored(tmp_path / "bare.mcap", recorded[:9], []),
-        "copy": stored(tmp_path / "copy.mcap", recorded[:9], [scene]),
+        "other": stored(tmp_path / "other.mcap", recorded[:9], other),
+        "bare": stored(tmp_path / "bare.mcap", recorded[:9]),
+        "copy": stored(tmp_path / "copy.mcap", recorded[:9], scene),
     }
     (tmp_path / "broken.mcap").write_bytes(b"no recording")
     out = tmp_path / "out.mcap"
@@ -145,6 +138,5 @@ def test_what_is_not_of_one_session_is_refused_in_a_line(single: Path, tmp_path:
         assert said in done.stderr
         assert len(done.stderr.splitlines()) == 1
         assert not out.exists()
-    taken = stored(tmp_path / "taken.mcap", recorded[:5], [scene])
-    again = plotfeed_here("merge", single, stored(out, recorded[:5], [scene]), taken)
+    again = plotfeed_here("merge", single, paths["copy"], stored(out, recorded[:5], scene))
     assert "is there already; --force" in again.stderr

@@ -6,16 +6,16 @@ import asyncio
 import json
 import socket
 import stat
-import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.brokers import free_port, port_is_taken
 from support.command import plotfeed, plotfeed_here, running, started
-from support.scene_files import radar, scene_file, scene_text
+from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.sessions import AtWork
 from support.waiting import wait_until
 
@@ -27,9 +27,10 @@ from plotfeed.feeds.recording.recorder import (
     SessionRecorder,
     attachments_of,
 )
-from plotfeed.feeds.scene.scene import Scene, from_tree, load
+from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.proto.asterix.codec.decode import whole_blocks
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
@@ -49,6 +50,29 @@ altitude_reference = "ellipsoid"
 CSV = b"time,latitude_deg,longitude_deg,altitude_m\n" + b"".join(
     f"2026-01-01T12:00:{i:02d}Z,40.46,{-3.73 + i * 1e-4:.6f},900\n".encode() for i in range(30)
 )
+
+
+START = "2026-01-01T12:00:00Z"
+START_NS = 1_767_268_800 * NS
+SIMULATED = ("--speed", "max", "--broker", "none", "--json")
+
+
+def scene_of(folder: Path, **more: Any) -> Scene:
+    return load(scene_file(folder, scene_text(**{"start_utc": START, "port": 1883, **more})))
+
+
+def made(folder: Path, seconds: int, path: Path, *more: str) -> Path:
+    """The record of a simulated session."""
+    scene = scene_file(folder, scene_text(start_utc=START, sensors=radar(), port=1883))
+    options = ("--duration", seconds, "--record", path, *SIMULATED, *more)
+    done = plotfeed_here("run", scene, *options)
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Path:
+    return made(tmp_path, 3, tmp_path / "record.mcap")
 
 
 @contextmanager
@@ -75,15 +99,13 @@ def heard(listener: socket.socket) -> bool:
 
 def scene_with(folder: Path, *, broker: str, udp: str, middleware: str) -> Scene:
     (folder / "secrets.toml").write_text(f'username = "somebody"\npassword = "{WHISPERED}"\n')
-    text = scene_text(
-        start_utc="2026-01-01T12:00:00Z",
+    return scene_of(
+        folder,
         sensors=radar(more='report = ["asterix-048", "sapient"]'),
-        port=1883,
         mqtt=f'broker = "mqtt://{broker}"\ncredentials_file = "{folder / "secrets.toml"}"',
+        drones=f'[[udp]]\ndestination = "{udp}"\nmax_octets = 200\n'
+        f'[sapient]\nmiddleware = "{middleware}"\n{DRONE}',
     )
-    text += f'[[udp]]\ndestination = "{udp}"\nmax_octets = 200\n'
-    text += f'[sapient]\nmiddleware = "{middleware}"\n'
-    return load(scene_file(folder, text))
 
 
 def recorded_by_a_stranger(
@@ -134,92 +156,55 @@ def test_the_octets_are_those_of_its_session_all_the_same(tmp_path: Path) -> Non
     """Datagrams of 200 octets cut the blocks of MQTT too, wherever they go."""
     scene = scene_with(tmp_path, broker="h", udp="127.0.0.1:9", middleware="h:1")
     record = recorded_by_a_stranger(tmp_path / "x.mcap", scene)
-    written = tmp_path / "again"
-    options = ("--speed", "max", "--broker", "none", "--write", written)
-    assert plotfeed_here("run", record, *options).returncode == 0
-    assert max(len(block) for block in blocks(written.read_bytes())) <= 200
+    assert plotfeed_here("run", record, *SIMULATED, "--write", tmp_path / "again").returncode == 0
     first = plotfeed_here("convert", record, tmp_path / "first.ast")
     assert first.returncode == 0, first.stderr
-    assert (tmp_path / "first.ast").read_bytes() == written.read_bytes()
+    octets = (tmp_path / "first.ast").read_bytes()
+    assert octets == (tmp_path / "again").read_bytes()
+    assert max(len(block.body) + 3 for block in whole_blocks(octets)) <= 200
 
 
-def blocks(octets: bytes) -> Iterator[bytes]:
-    while octets:
-        length = int.from_bytes(octets[1:3], "big")
-        yield octets[:length]
-        octets = octets[length:]
-
-
-@pytest.mark.parametrize("name", ["{}/flight.csv", "../outside/flight.csv", "flight.csv"])
-def test_it_reads_only_what_it_brings_along(tmp_path: Path, name: str) -> None:
-    outside = tmp_path / "outside"
-    outside.mkdir()
-    for folder in (outside, tmp_path):
-        (folder / "flight.csv").write_bytes(CSV)
+@pytest.mark.parametrize("name", ["{}/flight.csv", "../outside/flight.csv", "flight.csv", "../x"])
+def test_it_reads_only_what_it_brings_along_which_is_unpacked_inside(
+    tmp_path: Path, name: str
+) -> None:
+    folder, outside = tmp_path / "inner", tmp_path / "outside"
+    for each in (folder, outside):
+        each.mkdir()
+    for place in (outside, tmp_path):
+        for other in ("flight.csv", "x"):
+            (place / other).write_bytes(CSV)
     name = name.format(outside)
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", port=1883, drones=FLIGHT.format(file=name))
-    scene = load(scene_file(outside, text))
-    bare = recorded_by_a_stranger(tmp_path / "bare.mcap", without_flights(scene))
-    done = plotfeed_here("run", bare, "--speed", "max", "--broker", "none")
+    scene = scene_of(outside, drones=FLIGHT.format(file=name))
+    bare = scene.model_copy(update={"drone": ()})  # of the same text, so that a record can be made
+    assert bare.text == scene.text
+    record = recorded_by_a_stranger(tmp_path / "bare.mcap", bare)
+    done = plotfeed_here("run", record, *SIMULATED)
     assert done.returncode != 0
     assert done.stderr == (
         f"plotfeed: the recording names the file {name!r} and does not hold it\n"
     )
-    flight = Attachment(name=name, media_type="", data=CSV, log_time_ns=0)
-    whole = recorded_by_a_stranger(tmp_path / "whole.mcap", without_flights(scene), [flight])
-    done = plotfeed_here("run", whole, "--speed", "max", "--broker", "none", "--json")
-    assert done.returncode == 0, done.stderr
-
-
-def without_flights(scene: Scene) -> Scene:
-    """A scene of that text that flies nothing, so that a record of it can be made."""
-    other = scene.model_copy(update={"drone": ()})
-    assert other.text == scene.text
-    return other
-
-
-@pytest.mark.parametrize("name", ["../x", "../outside/flight.csv", "{}/flight.csv"])
-def test_what_its_scene_names_outside_is_unpacked_inside_and_nothing_else_is(
-    tmp_path: Path, name: str
-) -> None:
-    folder, outside = tmp_path / "inner", tmp_path / "outside"
-    folder.mkdir()
-    outside.mkdir()
-    name = name.format(outside)
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", port=1883, drones=FLIGHT.format(file=name))
-    scene = without_flights(load(scene_file(outside, text)))
-    planted = [
-        Attachment(name=other, media_type="", data=b"planted")
-        for other in ("../y", "/y", "a/../../y", ".", "..", "", "secrets/../../y.toml")
-    ]
+    planted = ("../y", "/y", "a/../../y", ".", "..", "", "secrets/../../y.toml")
+    more = [Attachment(name=other, media_type="", data=b"planted") for other in planted]
     flight = Attachment(name=name, media_type="", data=CSV)
-    record = recorded_by_a_stranger(tmp_path / "x.mcap", scene, [flight, *planted])
-    before = everything_in(tmp_path)
+    record = recorded_by_a_stranger(tmp_path / "whole.mcap", bare, [flight, *more])
+    before = {*tmp_path.rglob("*")}
     unpacked = SessionRecord.open(record).scene(folder)
-    (new,) = everything_in(tmp_path) - before
+    (new,) = {*tmp_path.rglob("*")} - before
     assert new.resolve().parent == folder
     assert new == unpacked.file(name)
     assert new.read_bytes() == CSV
-
-
-def everything_in(folder: Path) -> set[Path]:
-    return set(folder.rglob("*"))
+    if Path(name).suffix:  # by which the format of a flight is known
+        done = plotfeed_here("run", record, *SIMULATED)
+        assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("key", ["ca_file", "client_key_file", "credentials_file"])
 def test_files_that_it_names_are_not_even_opened(tmp_path: Path, key: str) -> None:
-    tree = {
-        "scene": {"name": "x", "seed": 1, "site": SITE},
-        "mqtt": {"broker": "mqtts://h", key: "/dev/zero"},
-        "sensor": [{"id": "mic", "preset": "widealert"}],
-    }
-    scene = from_tree(tree, tmp_path / "scene.toml").enclosed({})
+    scene = scene_of(tmp_path, mqtt=f'broker = "mqtts://h"\n{key} = "/dev/zero"').enclosed({})
     assert scene.outgoing.mqtt.broker is None
     with pytest.raises(PlotfeedError, match="does not hold it"):
         scene.file("/dev/zero")
-
-
-SITE = {"latitude_deg": 40.0, "longitude_deg": -3.0, "height_m": 600.0}
 
 
 @pytest.mark.parametrize("option", ["--udp", "--middleware"])
@@ -231,66 +216,44 @@ def test_a_place_that_is_none_is_one_line(tmp_path: Path, option: str) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def mode_of(path: Path) -> int:
-    return stat.S_IMODE(path.stat().st_mode)
-
-
 def test_a_recording_is_its_owners_alone(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(start_utc="2026-01-01T12:00:00Z", port=1883))
-    record, converted = tmp_path / "x.mcap", tmp_path / "x.ast"
-    simulated = ("--speed", "max", "--broker", "none", "--duration", "1", "--json")
-    assert plotfeed_here("run", scene, *simulated, "--record", record).returncode == 0
-    assert mode_of(record) == 0o600
+    record, converted = made(tmp_path, 1, tmp_path / "x.mcap"), tmp_path / "x.ast"
+    assert stat.S_IMODE(record.stat().st_mode) == 0o600
     record.chmod(0o644)
-    assert plotfeed_here("run", scene, *simulated, "--record", record, "--force").returncode == 0
-    assert mode_of(record) == 0o600
+    made(tmp_path, 1, record, "--force")
     assert plotfeed_here("convert", record, converted).returncode == 0
-    assert mode_of(converted) == 0o600
-
-
-Command = Callable[..., subprocess.CompletedProcess[str]]
-
-
-def written_by(tmp_path: Path) -> dict[str, tuple[tuple[Path, ...], Command]]:
-    """The files that each command writes, and the command."""
-    scene = scene_file(tmp_path, scene_text(start_utc="2026-01-01T12:00:00Z", port=1883))
-    record = tmp_path / "source.mcap"
-    simulated = ("--speed", "max", "--broker", "none", "--duration", "1", "--json")
-    assert plotfeed_here("run", scene, *simulated, "--record", record).returncode == 0
-
-    def command(*words: object) -> Command:
-        return lambda *more: plotfeed_here(*words, *more)
-
-    raw, log, picture = (tmp_path / f"a.{kind}" for kind in ("ast", "mcap", "png"))
-    lean, full = tmp_path / "lean.toml", tmp_path / "a-full.toml"
-    soon = ("--runs", "2", "--duration", "2")
-    needs = command("needs", scene, *soon, "--chart", picture, "--write", lean, "--write", full)
-    return {
-        "run": ((raw, log), command("run", scene, *simulated, "--write", raw, "--record", log)),
-        "convert": ((raw,), command("convert", record, raw)),
-        "check": ((picture,), command("check", scene, "--chart", picture)),
-        "report": ((picture,), command("report", record, "--chart", picture)),
-        "chart": ((picture,), command("chart", scene, *soon, "--chart", picture)),
-        "needs": ((picture, lean, full), needs),
-    }
+    for path in (record, converted):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
 def test_no_command_replaces_a_file_unasked(tmp_path: Path) -> None:
-    for name, (paths, run_command) in written_by(tmp_path).items():
+    record, scene = made(tmp_path, 1, tmp_path / "source.mcap"), tmp_path / "scene.toml"
+    raw, log, picture, lean, full = (
+        tmp_path / name for name in ("a.ast", "a.mcap", "a.png", "lean.toml", "full.toml")
+    )
+    soon = ("--runs", "2", "--duration", "2", "--chart", picture)
+    writing: dict[tuple[object, ...], tuple[Path, ...]] = {
+        ("run", scene, "--duration", "1", *SIMULATED, "--write", raw, "--record", log): (raw, log),
+        ("convert", record, raw): (raw,),
+        ("check", scene, "--chart", picture): (picture,),
+        ("report", record, "--chart", picture): (picture,),
+        ("chart", scene, *soon): (picture,),
+        ("needs", scene, *soon, "--write", lean, "--write", full): (picture, lean, full),
+    }
+    for words, paths in writing.items():
         for path in paths:
             path.write_bytes(b"dear to somebody")
-            done = run_command()
-            assert done.returncode == 2, name
+            done = plotfeed_here(*words)
+            assert done.returncode == 2, words
             assert done.stderr == (
                 f"plotfeed: {path}: is there already; --force writes another in its place\n"
             )
             assert path.read_bytes() == b"dear to somebody"
-            if path is not paths[-1]:
-                path.unlink()
+            path.unlink()
         for path in paths:
             path.write_bytes(b"dear to somebody")
-        done = run_command("--force")
-        assert done.returncode == 0, (name, done.stderr)
+        done = plotfeed_here(*words, "--force")
+        assert done.returncode == 0, (words, done.stderr)
         for path in paths:
             assert path.read_bytes() != b"dear to somebody"
             path.unlink()
@@ -298,12 +261,8 @@ def test_no_command_replaces_a_file_unasked(tmp_path: Path) -> None:
 
 def test_it_opens_no_door_to_web_pages_and_claims_no_port(tmp_path: Path) -> None:
     listening_at, origin = free_port(), "http://stranger.example"
-    text = scene_text(
-        start_utc="2026-01-01T12:00:00Z",
-        port=listening_at,
-        mqtt=f'[mqtt.embedded]\nwebsocket_origins = ["{origin}"]',
-    )
-    scene = load(scene_file(tmp_path, text))
+    doors = f'[mqtt.embedded]\nwebsocket_origins = ["{origin}"]'
+    scene = scene_of(tmp_path, port=listening_at, mqtt=doors)
     assert scene.outgoing.mqtt.port == listening_at
     assert scene.outgoing.mqtt.embedded.websocket_origins == (origin,)
     record = recorded_by_a_stranger(tmp_path / "x.mcap", scene)
@@ -312,53 +271,30 @@ def test_it_opens_no_door_to_web_pages_and_claims_no_port(tmp_path: Path) -> Non
         assert all(port != listening_at for port, _ in again.ports())
 
 
-START_NS = 1_767_268_800 * NS
-SIMULATED = ("--speed", "max", "--broker", "none", "--json")
-
-
-@pytest.fixture
-def record(tmp_path: Path) -> Path:
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(), port=1883)
-    path = tmp_path / "record.mcap"
-    scene = scene_file(tmp_path, text)
-    done = plotfeed_here("run", scene, "--duration", "3", "--record", path, *SIMULATED)
-    assert done.returncode == 0, done.stderr
-    return path
-
-
-def without_ticks(record: Path, path: Path) -> Path:
-    """The record as a session made it that knew no ticks."""
+def test_a_record_is_run_again_without_a_word_and_one_from_before_there_were_ticks_with_one(
+    record: Path, tmp_path: Path
+) -> None:
+    old = tmp_path / "old.mcap"
     with McapReader(record) as mcap:
         attached = [mcap.attachment(entry.name) for entry in mcap.attachments()]
         messages = list(mcap.messages())
-    recorder = Recorder(path, attachments=[one for one in attached if one is not None], waits=True)
-    for message in messages:
-        if message.topic.endswith("/session"):
-            told = json.loads(message.payload)
-            assert told.pop("tick_ms") == 10
-            message = message._replace(payload=json.dumps(told).encode())  # noqa: PLW2901
-        recorder.write(message)
-    recorder.close()
-    return path
-
-
-def test_a_record_is_run_again_without_a_word(record: Path) -> None:
-    assert SessionRecord.open(record).has_ticks
-    again = plotfeed_here("run", record, *SIMULATED)
-    assert again.returncode == 0
-    assert again.stderr == ""
-    assert json.loads(again.stdout)["messages"] > 0
-
-
-def test_a_record_from_before_there_were_ticks_is_run_and_told_of(
-    record: Path, tmp_path: Path
-) -> None:
-    old = without_ticks(record, tmp_path / "old.mcap")
-    assert not SessionRecord.open(old).has_ticks
-    again = plotfeed_here("run", old, *SIMULATED)
-    assert again.returncode == 0
-    assert again.stderr.startswith(f"plotfeed: {old} was made before sessions went by ticks")
-    assert json.loads(again.stdout)["messages"] > 0
+    with Recorder(old, attachments=filter(None, attached), waits=True) as recorder:
+        for message in messages:
+            if message.topic.endswith("/session"):
+                told = json.loads(message.payload)
+                assert told.pop("tick_ms") == 10
+                message = message._replace(payload=json.dumps(told).encode())  # noqa: PLW2901
+            recorder.write(message)
+    for path, has_ticks, says in (
+        (record, True, ""),
+        (old, False, f"plotfeed: {old} was made before sessions went by ticks"),
+    ):
+        assert SessionRecord.open(path).has_ticks == has_ticks
+        again = plotfeed_here("run", path, *SIMULATED)
+        assert again.returncode == 0
+        assert again.stderr.startswith(says)
+        assert bool(again.stderr) == bool(says)
+        assert json.loads(again.stdout)["messages"] > 0
 
 
 @pytest.mark.asyncio
@@ -366,8 +302,7 @@ async def test_what_came_in_while_a_fast_clock_was_held_back_counts_again_as_it_
     tmp_path: Path,
 ) -> None:
     """Reports and changes from outside, at a speed that no machine holds: the same octets."""
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(), port=1883)
-    scene = load(scene_file(tmp_path, text))
+    scene = scene_of(tmp_path, sensors=radar())
     path, first, again = tmp_path / "x.mcap", list[Message](), list[Message]()
     clock, watch = WallClock(START_NS, speed=10_000.0), AtWork(InstantClock(START_NS))
 
@@ -426,7 +361,7 @@ class SlowToConnect(InstantClock):
 
 @pytest.mark.asyncio
 async def test_scripted_drones_set_out_when_the_session_is_said_to_begin(tmp_path: Path) -> None:
-    scene = load(scene_file(tmp_path, scene_text(sensors=radar(), port=1883)))
+    scene = scene_of(tmp_path, start_utc=None, sensors=radar())
     path, first, again = tmp_path / "x.mcap", list[Message](), list[Message]()
     with Recorder(path, attachments=attachments_of(scene, 0), waits=True) as recorder:
         observers = [SessionRecorder(recorder, ledger_is_sent=True)]

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import pytest_asyncio
 from hypothesis import given
 from hypothesis import strategies as st
-from support.recordings import MS, START_NS, block, block_048, message, plots, written
+from support.recordings import MS, START_NS, block, block_048, message, plots, stored
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.console import printed
@@ -31,20 +30,22 @@ from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN, status_025
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.content_types import protobuf_content_type
 from plotfeed.proto.utc import NS
-from plotfeed.replay.files import FileFormat, writer_to
+from plotfeed.replay.files import FileFormat
 from plotfeed.replay.recorded import Recorded, Stage
 
 Capture = pytest.CaptureFixture[str]
 
 
-def stored(folder: Path, messages: list[Recorded], form: FileFormat = FileFormat.MCAP) -> Path:
-    path = folder / f"recording.{form}"
-    path.write_bytes(written(lambda file: writer_to(file, form), messages))
-    return path
-
-
 def shown(path: Path, **settings: Any) -> int:
     return show_file(path, ShowSettings(**settings))
+
+
+def lines_of(capsys: Capture, path: Path, **settings: Any) -> list[str]:
+    """What is printed of a whole file."""
+    assert shown(path, **settings) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return out.splitlines()
 
 
 def summary_of(messages: list[Recorded]) -> Summary:
@@ -77,11 +78,8 @@ def session() -> list[Recorded]:
 
 
 def test_a_summary_tells_counts_times_gaps_and_lateness(tmp_path: Path, capsys: Capture) -> None:
-    path = stored(tmp_path, session())
-    assert shown(path) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert out.splitlines() == [
+    path = stored(tmp_path / "a.mcap", session())
+    assert lines_of(capsys, path) == [
         f"{path}: mcap, 201 messages, 200 records of ASTERIX, 2819 octets, 3.000 s",
         "  first        2026-01-01T12:00:00.000000000Z",
         "  last         2026-01-01T12:00:03.000000000Z",
@@ -92,28 +90,17 @@ def test_a_summary_tells_counts_times_gaps_and_lateness(tmp_path: Path, capsys: 
         "  plotfeed/a/status       received  json         1   0.3               19",
         "  plotfeed/b/asterix/048  after     048        100  33.3      100    1400",
     ]
-    assert shown(path, as_json=True) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["messages"] == 201
-    assert found["first_utc"] == "2026-01-01T12:00:00.000000000Z"
-    assert found["duration_s"] == 3.0
+    (line,) = lines_of(capsys, path, as_json=True)
+    found = json.loads(line)
     assert found["longest_gap_s"] == pytest.approx(2.01)
     assert found["lateness"]["after"]["p50_us"] == pytest.approx(5000, rel=0.0006)
-    assert {row["topic"]: row["messages"] for row in found["series"]} == {
-        "plotfeed/a/asterix/048": 100,
-        "plotfeed/a/status": 1,
-        "plotfeed/b/asterix/048": 100,
-    }
-    assert found["damage"] == []
-
-
-def test_a_file_without_a_date_is_shown_without_one(tmp_path: Path, capsys: Capture) -> None:
-    path = stored(tmp_path, plots(3, step_ns=1000 * MS), FileFormat.FINAL)
-    assert shown(path) == 0
-    out = capsys.readouterr().out
-    assert "  first        12:00:00.000000000Z\n" in out
-    assert "1970" not in out
-    assert out.splitlines()[-1] == "  final has no date"
+    assert [row["messages"] for row in found["series"]] == [100, 1, 100]
+    told = ("messages", "first_utc", "duration_s", "damage")
+    assert [found[name] for name in told] == [201, "2026-01-01T12:00:00.000000000Z", 3.0, []]
+    undated = lines_of(capsys, stored(tmp_path / "a.ff", plots(3, step_ns=1000 * MS)))
+    assert "  first        12:00:00.000000000Z" in undated
+    assert "1970" not in "".join(undated)
+    assert undated[-1] == "  final has no date"
 
 
 def both_sides_of_a_link() -> list[Recorded]:
@@ -126,40 +113,32 @@ def both_sides_of_a_link() -> list[Recorded]:
     ]
 
 
-@pytest.mark.parametrize("form", [FileFormat.MCAP, FileFormat.JSON])
-def test_what_is_before_a_link_is_told_from_what_is_after_it(
-    form: FileFormat, tmp_path: Path, capsys: Capture
+@pytest.mark.parametrize("suffix", ["mcap", "jsonl"])
+def test_stages_are_told_and_chosen_as_topics_are(
+    suffix: str, tmp_path: Path, capsys: Capture
 ) -> None:
-    path = stored(tmp_path, both_sides_of_a_link(), form)
-    shown(path, listed=True)
-    lines = capsys.readouterr().out.splitlines()
+    path = stored(tmp_path / f"a.{suffix}", both_sides_of_a_link())
+    lines = lines_of(capsys, path, listed=True)
     assert [line.split("  ")[1:3] for line in lines] == [
         [stage, f"plotfeed/{name}/asterix/048"] for stage in ("before", "after") for name in "ab"
     ]
-    shown(path, listed=True, as_json=True)
-    objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    objects = map(json.loads, lines_of(capsys, path, listed=True, as_json=True))
     assert [each["stage"] for each in objects] == ["before", "before", "after", "after"]
-
-
-def test_stages_and_topics_are_chosen(tmp_path: Path, capsys: Capture) -> None:
-    path = stored(tmp_path, both_sides_of_a_link())
-    shown(path, listed=True, stages=("after",), topics=("plotfeed/b/#", "no/such"))
-    (line,) = capsys.readouterr().out.splitlines()
+    chosen = {"stages": ("after",), "topics": ("plotfeed/b/#", "no/such")}
+    (line,) = lines_of(capsys, path, listed=True, **chosen)
     assert line.startswith("2026-01-01T12:00:00.001000000Z  plotfeed/b/asterix/048  CAT048")
-    shown(path, as_json=True, stages=("before",), topics=("+/a/#",))
-    found = json.loads(capsys.readouterr().out)
-    assert [(row["topic"], row["stage"], row["records"]) for row in found["series"]] == [
-        ("plotfeed/a/asterix/048", "before", 1)
-    ]
+    (line,) = lines_of(capsys, path, as_json=True, stages=("before",), topics=("+/a/#",))
+    (row,) = json.loads(line)["series"]
+    told = [row[name] for name in ("topic", "stage", "records")]
+    assert told == ["plotfeed/a/asterix/048", "before", 1]
 
 
 def test_blocks_of_a_raw_file_are_chosen_by_their_topic(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "both.ast"
     path.write_bytes(block_048(1) + block(34, "f0", "190d", "01", "546000", "00"))
-    shown(path, listed=True, topics=("asterix/034",))
-    (line,) = capsys.readouterr().out.splitlines()
+    (line,) = lines_of(capsys, path, listed=True, topics=("asterix/034",))
     assert line.startswith("CAT034")
-    shown(path, listed=True, stages=("before",))
+    assert shown(path, listed=True, stages=("before",)) == 1
     assert capsys.readouterr().out == ""
 
 
@@ -178,12 +157,10 @@ def test_records_are_counted_as_far_as_they_are_whole() -> None:
 
 def test_a_trailer_is_no_error_and_a_topic_moves_no_cursor(tmp_path: Path, capsys: Capture) -> None:
     trailed = message(block_048(1) + b"\xca\xfe\0\1", topic="a/\x1b[2J/asterix/048")
-    assert shown(stored(tmp_path, [trailed]), listed=True) == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.isprintable()
+    path = stored(tmp_path / "a.mcap", [trailed])
+    (line,) = lines_of(capsys, path, listed=True)
     assert "CAT048" in line
-    assert shown(stored(tmp_path, [trailed])) == 0
-    assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+    assert all(each.isprintable() for each in (line, *lines_of(capsys, path)))
 
 
 @pytest.mark.parametrize(
@@ -192,7 +169,7 @@ def test_a_trailer_is_no_error_and_a_topic_moves_no_cursor(tmp_path: Path, capsy
 def test_a_damaged_file_is_shown_as_far_as_it_is_whole(
     form: FileFormat, tmp_path: Path, capsys: Capture
 ) -> None:
-    path = stored(tmp_path, plots(400), form)
+    path = stored(tmp_path / "a", plots(400), form)
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 9 // 10 - 3])
     assert shown(path) == 2
     out, err = capsys.readouterr()
@@ -258,22 +235,15 @@ def test_a_summary_of_many_topics_is_bounded() -> None:
     assert summary.series[(OTHERS, Stage.RECEIVED, "")].messages == 50
 
 
-def test_messages_out_of_order_are_counted_and_make_no_gap() -> None:
+def test_gaps_and_lateness_are_of_messages_in_order_and_not_of_the_ledger() -> None:
     summary = summary_of([message(b"", 1000 + t) for t in (10, 30, 20, 40, 5)])
     assert (summary.first_ns, summary.last_ns, summary.disordered) == (1005, 1040, 2)
     assert (summary.gap_ns, summary.gap_from_ns) == (20, 1010)
-
-
-def test_a_message_that_left_before_it_was_due_is_early() -> None:
-    summary = summary_of([message(b"", 1000, publish_time_ns=2000, stage=Stage.AFTER)])
-    assert summary.lateness[Stage.AFTER].percentile_ns(50) == pytest.approx(-1000, rel=0.0006)
-    assert summary_of([message(b"", 1000)]).lateness == {}
-
-
-def test_the_ledger_is_told_when_there_is_time_and_late_for_nobody() -> None:
-    kind = protobuf_content_type("plotfeed.v1.Ledger")
+    early = summary_of([message(b"", 1000, publish_time_ns=2000, stage=Stage.AFTER)])
+    assert early.lateness[Stage.AFTER].percentile_ns(50) == pytest.approx(-1000, rel=0.0006)
+    kind = protobuf_content_type("plotfeed.v1.Ledger")  # which is told when there is time
     ledger = message(b"", NS, publish_time_ns=0, stage=Stage.AFTER, content_type=kind)
-    assert summary_of([ledger]).lateness == {}
+    assert summary_of([ledger]).lateness == summary_of([message(b"", 1000)]).lateness == {}
 
 
 def test_a_bar_shows_on_a_terminal_alone_and_loses_nothing(
@@ -309,7 +279,7 @@ def test_many_bad_lines_are_told_in_a_few(tmp_path: Path, capsys: Capture) -> No
 def test_a_choice_that_fits_no_message_fails_and_says_so(
     how: dict[str, Any], chosen: dict[str, Any], tmp_path: Path, capsys: Capture
 ) -> None:
-    path = stored(tmp_path, session())
+    path = stored(tmp_path / "a.mcap", session())
     assert shown(path, **how, **chosen) == 1
     told = f"plotfeed: {path}: no message is of the topics and stages asked for\n"
     assert capsys.readouterr().err == told
@@ -334,45 +304,32 @@ def test_awkward_json_is_a_line(payload: bytes, style: Style) -> None:
         json.loads(lines[0])
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def messages(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
+@pytest.mark.asyncio
+async def test_every_message_of_a_session_is_readable_and_json_if_asked(tmp_path: Path) -> None:
     text = scene_text(
         start_utc="2026-01-01T12:00:00Z", port=1883, sensors=radar(period_s=0.2, sectors=8)
     )
-    scene = load(scene_file(tmp_path_factory.mktemp("scene"), text))
-    seen: list[Message] = []
-    clock = InstantClock(scene.scene.start_utc_ns)
+    scene = load(scene_file(tmp_path, text))
+    clock, seen = InstantClock(scene.scene.start_utc_ns), list[Message]()
     tap = lambda message, _t: seen.append(message)  # noqa: E731
     await run(scene, clock=clock, broker="none", duration_s=3.0, tap=tap)
-    return seen
-
-
-def test_every_message_of_a_session_is_readable_and_json_if_asked(messages: list[Message]) -> None:
-    for m in messages:
+    told: dict[str, list[str]] = {"plots": [], "truth": []}
+    for m in seen:
         lines = list(message_lines(m.topic, m.payload, m.content_type))
         assert not any("not what the topic says" in line for line in lines)
         # The topic alone tells what a client of MQTT 3.1.1 needs.
         assert lines == list(message_lines(m.topic, m.payload, None))
+        told.setdefault(m.topic.rpartition("/")[2], []).extend(lines)
         for line in message_lines(m.topic, m.payload, m.content_type, style=Style.JSON):
             found = json.loads(line)
             assert found["topic"] == m.topic
             assert "error" not in found["message"]
-
-
-def test_every_plot_is_a_line(messages: list[Message]) -> None:
-    batches = [m for m in messages if m.topic.endswith("/plots")]
-    plots = sum(len(pb.PlotBatch.FromString(m.payload).plots) for m in batches)
-    lines = [x for m in batches for x in message_lines(m.topic, m.payload, None)]
-    assert len(lines) == plots > 0
-    assert all(" 2026-01-01T12:00:0" in line for line in lines)
-
-
-def test_the_ledger_says_whose_each_plot_is(messages: list[Message]) -> None:
-    entries = [m for m in messages if m.topic.endswith("/truth")]
-    text = [x for m in entries for x in message_lines(m.topic, m.payload, None)]
-    assert any(line.endswith("of visitor") for line in text)
-    assert any(line.endswith("of false alarm") for line in text)
-    assert any("  look " in line for line in text)
+    batches = [pb.PlotBatch.FromString(m.payload) for m in seen if m.topic.endswith("/plots")]
+    assert len(told["plots"]) == sum(len(batch.plots) for batch in batches) > 0
+    assert all(" 2026-01-01T12:00:0" in line for line in told["plots"])
+    for whose in ("of visitor", "of false alarm"):
+        assert any(line.endswith(whose) for line in told["truth"])
+    assert any("  look " in line for line in told["truth"])
 
 
 def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
@@ -399,14 +356,6 @@ def test_a_time_beyond_the_year_9999_is_one_line() -> None:
     assert "not what the topic says" in line
 
 
-@pytest.mark.parametrize("sent", [-(2**22) * 3 + 1, 2**25 - 1, 12345])
-def test_numbers_are_as_exact_as_they_were_sent(sent: int) -> None:
-    longitude = sent.to_bytes(4, "big", signed=True).hex()
-    data = block(62, "88", "0102", "00000000", longitude)
-    (line,) = message_lines("t/asterix/062", data, None)
-    assert float(line.partition("LON=")[2]) * 2**25 / 180 == sent
-
-
 @pytest.mark.parametrize(
     ("octets", "says"),
     [
@@ -415,6 +364,13 @@ def test_numbers_are_as_exact_as_they_were_sent(sent: int) -> None:
          "380 ADR=3C660C IAS=(IM=1 IAS=500) SAL=(SAS=1 SRC=3 ALT=5000)"),
     ],
 )  # fmt: skip
-def test_numbers_are_written_as_everybody_writes_them(octets: str, says: str) -> None:
+def test_numbers_are_as_exact_as_they_were_sent_and_written_as_everybody_writes_them(
+    octets: str, says: str
+) -> None:
     (line,) = message_lines("t/asterix/062", block(62, "8110", "0102", octets), None)
     assert line.endswith(says)
+    for sent in (-(2**22) * 3 + 1, 2**25 - 1, 12345):
+        longitude = sent.to_bytes(4, "big", signed=True).hex()
+        data = block(62, "88", "0102", "00000000", longitude)
+        (line,) = message_lines("t/asterix/062", data, None)
+        assert float(line.partition("LON=")[2]) * 2**25 / 180 == sent

@@ -1,4 +1,4 @@
-"""Which reports are taken: of which drones, of how many, how late, and how far from the last."""
+"""Which reports are taken: of which drones, how many, how late, how far off; and what is told."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from support.held_sizes import held
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.scene_drones import trajectories_of
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.drones import EchoesByClass, TargetKeys
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
@@ -29,10 +31,12 @@ from plotfeed.feeds.telemetry.position_report import (
     Refused,
     Velocity,
 )
-from plotfeed.feeds.telemetry.receiver import TelemetryReceiver, look_back_s
+from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver, look_back_s
 from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.cat129 import TargetEncoder129
 
 S, TICK_NS = 1_000_000_000, 10_000_000
 NOW = 1_767_268_800 * S
@@ -47,50 +51,51 @@ def admission(look_back_s: float = 1000.0, **keys: Any) -> Admission:
     return Admission(Telemetry(stale_after_s=2.0, **keys), look_back_s)
 
 
-def admit(door: Admission, drone: str, t_utc_ns: int) -> None:
-    assert not door.admit(drone, hovering(t_utc_ns), NOW)
+def taken(door: Admission, drone: str, t_utc_ns: int) -> Reason | None:
+    """Why a report is refused, if it is."""
+    try:
+        assert not door.admit(drone, hovering(t_utc_ns), NOW)
+    except Refused as refused:
+        return refused.reason
+    return None
 
 
-def reason(door: Admission, drone: str, t_utc_ns: int) -> Reason:
-    with pytest.raises(Refused) as caught:
-        admit(door, drone, t_utc_ns)
-    return caught.value.reason
+NO_NAMES = ("", "a/b", "+", "a#", "a\0", "a\n", "x" * 65, "\ud800")
 
 
 def test_each_drone_has_its_own_time_which_a_refused_report_does_not_move() -> None:
     door = admission(max_ahead_s=2.0)
-    assert reason(door, "phantom-4", NOW + 3 * S) is Reason.FUTURE
-    admit(door, "phantom-4", NOW + 2 * S)
-    admit(door, "Σ 1", NOW - S)
-    assert reason(door, "phantom-4", NOW + 2 * S) is Reason.DUPLICATE
-    assert reason(door, "phantom-4", NOW + 2 * S - 1) is Reason.BACKWARDS
-    admit(door, "Σ 1", NOW)
+    for drone, ahead_ns, reason in (
+        ("phantom-4", 3 * S, Reason.FUTURE),
+        ("phantom-4", 2 * S, None),
+        ("Σ 1", -S, None),
+        ("phantom-4", 2 * S, Reason.DUPLICATE),
+        ("phantom-4", 2 * S - 1, Reason.BACKWARDS),
+        ("Σ 1", 0, None),
+        ("x" * 64, 0, None),
+        *((name, 0, Reason.NAME) for name in NO_NAMES),
+    ):
+        assert taken(door, drone, NOW + ahead_ns) is reason
 
 
 def test_age_is_limited_by_the_scene_and_by_what_can_still_be_seen() -> None:
-    assert reason(admission(max_age_s=5.0), "a", NOW - 6 * S) is Reason.STALE
-    admit(admission(max_age_s=5.0), "a", NOW - 5 * S)
-    assert reason(admission(1.0, max_age_s=5.0), "a", NOW - 4 * S) is Reason.LATE
-    assert reason(admission(1.0, max_age_s=5.0), "a", NOW - 6 * S) is Reason.STALE
-    admit(admission(1.0, max_age_s=5.0), "x" * 64, NOW - 3 * S)
-
-
-@pytest.mark.parametrize("name", ["", "a/b", "+", "a#", "a\0", "a\n", "x" * 65, "\ud800"])
-def test_names_that_no_topic_can_carry_are_refused(name: str) -> None:
-    assert reason(admission(), name, NOW) is Reason.NAME
+    for seen_s, age_s, reason in (
+        (1000.0, 6, Reason.STALE),
+        (1000.0, 5, None),
+        (1.0, 4, Reason.LATE),
+        (1.0, 6, Reason.STALE),
+        (1.0, 3, None),
+    ):
+        assert taken(admission(seen_s, max_age_s=5.0), "a", NOW - age_s * S) is reason
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(NOW - 9, NOW)), max_size=40))
 def test_what_is_admitted_runs_forward(arrivals: list[tuple[str, int]]) -> None:
     door, last = admission(), dict[str, int]()
     for drone, t_utc_ns in arrivals:
-        try:
-            admit(door, drone, t_utc_ns)
-        except Refused:
-            assert t_utc_ns <= last[drone]
-        else:
-            assert t_utc_ns > last.get(drone, 0)
-            last[drone] = t_utc_ns
+        refused = taken(door, drone, t_utc_ns)
+        assert (refused is None) == (t_utc_ns > last.get(drone, 0))
+        last[drone] = max(t_utc_ns, last.get(drone, 0))
 
 
 REFERENCES = [*AltitudeReference, *AltitudeReference]
@@ -99,18 +104,15 @@ LATITUDES, LONGITUDES = [40.45, 5.0, -8.0] * 2, [-3.73, 79.0, 147.0, 147.0, -3.7
 
 @pytest.mark.parametrize("sea_level_m", [None, 51.0])
 def test_each_reference_gives_a_height_above_the_ellipsoid_there(sea_level_m: float | None) -> None:
-    """Sea level is that of each place unless it is stated."""
+    """Sea level is that of each place unless it is stated; without a take-off height its key is."""
     sea_m = geoid_undulation_m(LATITUDES, LONGITUDES) if sea_level_m is None else np.full(6, 51.0)
     assert sea_level_m or np.ptp(sea_m) > 150.0
     datum = AltitudeDatum(650.0, SeaLevel(sea_level_m))
     above_m = {AltitudeReference.ABOVE_TAKEOFF: 650.0, AltitudeReference.ELLIPSOID: 0.0}
     expected = [100.0 + above_m.get(r, m) for r, m in zip(REFERENCES, sea_m, strict=True)]
     assert list(datum.heights_m(LATITUDES, LONGITUDES, [100.0] * 6, REFERENCES)) == expected
-
-
-def test_without_a_takeoff_height_the_key_is_named() -> None:
     for reference in REFERENCES:
-        AltitudeDatum(650.0).check(reference)
+        datum.check(reference)
     AltitudeDatum().check(AltitudeReference.MEAN_SEA_LEVEL)
     with pytest.raises(Refused, match=r"telemetry\.takeoff_height_m") as caught:
         AltitudeDatum().check(AltitudeReference.ABOVE_TAKEOFF)
@@ -158,20 +160,15 @@ def test_a_drone_without_news_is_forgotten_after_the_time_that_the_scene_says(
     door = Door(scene_of(tmp_path, "forget_after_s = 20"))
     door.tick("a", "once")
     door.tick("a")
-    door.wait(8.0)
-    assert door.known == {"a"}, "one that reported once goes when no sensor can see it"
-    door.wait(11.0)
-    assert door.known == {"a"}
-    door.wait(2.0)
-    assert door.known == set()
+    # One that reported once goes when no sensor can see it.
+    for seconds, known in ((8.0, {"a"}), (11.0, {"a"}), (2.0, set())):
+        door.wait(seconds)
+        assert door.known == known
     assert door.receiver.forgotten == 2
     door.tick("a")
     assert door.known == {"a"}, "and may come again"
-
-
-def test_no_drone_is_forgotten_that_some_sensor_can_still_see(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "forget_after_s = 1\nstale_after_s = 10")
-    door = Door(scene)
+    door = Door(scene)  # whose sensors see it for longer
     door.tick("a")
     door.tick("a")
     door.wait(10.0 + look_back_s(scene) - 0.1)
@@ -396,25 +393,15 @@ def test_glitches_never_move_a_drone_further_than_the_gate_lets_them(
         assert (np.isnan(offs_m) | (offs_m <= most_m)).all()
 
 
-@pytest.mark.parametrize("rate_hz", [1.0, 50.0])
-def test_one_glitch_of_2_km_moves_nobody(scene: Scene, rate_hz: float) -> None:
-    straight, glitched = Sent(scene), Sent(scene)
-    for k in range(40):
-        t_s = k / rate_hz
-        assert straight.say(t_s, dash(t_s))
-        wrong = k == 20
-        assert glitched.say(t_s, dash(t_s) + east(2000.0 * wrong)) is not wrong
-        if not wrong:
-            assert np.abs(glitched.where_m(t_s) - straight.where_m(t_s)).max() < 1e-6
-    assert glitched.reasons == {Reason.IMPLAUSIBLE_MOTION}
-    assert "telemetry.max_speed_m_s" in glitched.told[0]["detail"]
-
-
 @pytest.mark.parametrize("rate_hz", [1.0, 5.0, 50.0])
 def test_a_jump_that_persists_is_a_new_start_and_no_velocity(scene: Scene, rate_hz: float) -> None:
     sent, there_m = Sent(scene), east(2000.0)
     for k in range(20):
         assert sent.say(k / rate_hz, hover(0))
+        if k == 10:  # a single one moves nobody
+            assert not sent.say((k + 0.5) / rate_hz, hover(0) + there_m)
+    assert sent.reasons == {Reason.IMPLAUSIBLE_MOTION}
+    assert "telemetry.max_speed_m_s" in sent.told[0]["detail"]
     first, taken_s = 20 / rate_hz, None
     for k in range(20, 20 + round(3 * rate_hz) + 3):
         t_s = k / rate_hz
@@ -454,21 +441,19 @@ def test_a_source_that_reports_more_than_twice_as_often_takes_over_and_keeps_the
     assert [was for t_s, was in taken if t_s > 1.03] == [False] * 8
 
 
-def test_a_speed_that_no_drone_has_is_refused_whole_or_in_part(scene: Scene) -> None:
+def test_a_speed_that_no_drone_has_is_refused_and_the_scene_says_how_fast_they_are(
+    scene: Scene, tmp_path: Path
+) -> None:
     sent = Sent(scene)
     assert not sent.say(0.0, hover(0), velocity_m_s=(200.0, 0.0, 0.0))
     assert sent.say(0.1, hover(0), velocity_m_s=(149.0, 0.0, 0.0))
-    assert not sent.say(0.2, hover(0), velocity_m_s=(float("nan"), 151.0, float("nan")))
+    assert not sent.say(0.2, hover(0), velocity_m_s=(math.nan, 151.0, math.nan))
     assert sent.reasons == {Reason.IMPLAUSIBLE_MOTION}
-
-
-def test_the_scene_says_how_fast_drones_are(tmp_path: Path) -> None:
-    slow = load(scene_file(tmp_path, scene_text(telemetry="max_speed_m_s = 20", port=1883)))
-    sent = Sent(slow)
-    assert sent.say(0.0, hover(0))
-    assert sent.say(1.0, hover(0) + east(GRACE_M + 19.0))
-    assert not sent.say(2.0, hover(0) + east(2 * GRACE_M + 50.0))
-    assert np.linalg.norm(sent.where_m(1.9) - sent.where_m(1.0)) < 0.9 * 20.01, "nor fitted faster"
+    slow = Sent(scene_of(tmp_path, "max_speed_m_s = 20"))
+    assert slow.say(0.0, hover(0))
+    assert slow.say(1.0, hover(0) + east(GRACE_M + 19.0))
+    assert not slow.say(2.0, hover(0) + east(2 * GRACE_M + 50.0))
+    assert np.linalg.norm(slow.where_m(1.9) - slow.where_m(1.0)) < 0.9 * 20.01, "nor fitted faster"
 
 
 @settings(max_examples=15)
@@ -493,3 +478,134 @@ def test_it_is_the_same_whether_reports_come_together_or_one_by_one(
     asked_s = np.linspace(5.0, 8.0, 50)
     one, other = one_by_one.where_m(*asked_s), together.where_m(*asked_s)
     assert np.array_equal(one, other, equal_nan=True)
+
+
+# What comes in as octets, and what is published of what is not taken.
+
+
+@pytest.fixture(scope="module")
+def of_two(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A scene that knows two drones at most beside its own."""
+    text = scene_text(telemetry="max_drones = 2", port=1883)
+    return load(scene_file(tmp_path_factory.mktemp("two"), text))
+
+
+def make(scene: Scene) -> tuple[TelemetryReceiver, Trajectories]:
+    trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+    return TelemetryReceiver(scene, trajectories), trajectories
+
+
+def bytes_of(seconds: float = 0.0, **changes: Any) -> bytes:
+    message = pb.Telemetry(
+        latitude_deg=40.0, longitude_deg=-3.0, altitude_m=700.0, altitude_reference=pb.ELLIPSOID
+    )
+    message.time_utc.FromNanoseconds(NOW + round(seconds * S))
+    for name, value in changes.items():
+        if value is None:
+            message.ClearField(name)
+        else:
+            setattr(message, name, value)
+    return message.SerializeToString()
+
+
+Case = tuple[str, bytes, str | None]
+PROTOBUF = "application/x-protobuf"
+REFUSED: dict[Reason, Case] = {
+    Reason.OVERSIZED: ("a", b"{" + b" " * 5000, None),
+    Reason.UNDECODABLE: ("a", b"\xff\xff\xff", PROTOBUF),
+    Reason.CONTENT_TYPE: ("a", bytes_of(), "image/png"),
+    Reason.MISSING: ("a", bytes_of(latitude_deg=None), PROTOBUF),
+    Reason.NOT_FINITE: ("a", bytes_of(altitude_m=float("nan")), PROTOBUF),
+    Reason.OUT_OF_RANGE: ("a", bytes_of(latitude_deg=91.0), PROTOBUF),
+    Reason.ALTITUDE: ("a", bytes_of(altitude_reference=pb.ABOVE_TAKEOFF), PROTOBUF),
+    Reason.BACKWARDS: ("known", bytes_of(-2.0), PROTOBUF),
+    Reason.DUPLICATE: ("known", bytes_of(-1.0), PROTOBUF),
+    Reason.FUTURE: ("a", bytes_of(2.1), PROTOBUF),
+    Reason.STALE: ("a", bytes_of(-60.1), PROTOBUF),
+    Reason.LATE: ("a", bytes_of(-59.9), PROTOBUF),
+    Reason.IMPLAUSIBLE_MOTION: ("known", bytes_of(latitude_deg=40.1), PROTOBUF),
+    Reason.TOO_MANY_DRONES: ("third", bytes_of(), PROTOBUF),
+    Reason.NAME: ("visitor", bytes_of(), PROTOBUF),
+}
+
+
+NOT_OF_ONE_REPORT = {
+    *(Reason.FLOOD, Reason.CONTROL, Reason.SECOND_SOURCE, Reason.TOO_MANY_NEW_DRONES),
+    Reason.NO_POSITION,  # which live sources find
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED, ids=str)
+def test_a_refusal_is_published_with_its_reason(reason: Reason, of_two: Scene) -> None:
+    assert {*REFUSED} == {*Reason} - NOT_OF_ONE_REPORT
+    receiver, trajectories = make(of_two)
+    receiver.take("plotfeed/telemetry/known", bytes_of(-1.0), PROTOBUF, NOW)
+    if reason is Reason.TOO_MANY_DRONES:
+        receiver.take("plotfeed/telemetry/second", bytes_of(-1.0), PROTOBUF, NOW)
+    names, version = list(trajectories.names), trajectories.version
+    drone, payload, content_type = REFUSED[reason]
+    topic = f"plotfeed/telemetry/{drone}"
+    refusal = receiver.take(topic, payload, content_type, NOW)
+    assert refusal is not None
+    assert refusal.topic == "plotfeed/errors"
+    assert refusal.content_type == "application/json"
+    told = json.loads(refusal.payload)
+    assert told["reason"] == reason.value
+    assert told["topic"] == topic
+    assert told["drone"] == drone
+    assert told["detail"].isprintable()
+    assert (reason is Reason.NAME) == ("flown by the scene itself" in told["detail"])
+    assert told["count"] == "1"
+    assert told["time_utc"] == "2026-01-01T12:00:00Z"
+    assert receiver.refused == 1
+    assert (trajectories.names, trajectories.version) == (names, version)
+
+
+def test_the_datum_of_the_scene_is_added(tmp_path: Path) -> None:
+    text = scene_text(telemetry="takeoff_height_m = 650.0\ngeoid_undulation_m = 51.0", port=1883)
+    receiver, trajectories = make(load(scene_file(tmp_path, text)))
+    for drone, reference, altitude_m in (
+        ("a", pb.ELLIPSOID, 751.0),
+        ("b", pb.MEAN_SEA_LEVEL, 700.0),
+        ("c", pb.ABOVE_TAKEOFF, 101.0),
+    ):
+        payload = bytes_of(altitude_m=altitude_m, altitude_reference=reference)
+        assert receiver.take(f"plotfeed/telemetry/{drone}", payload, None, NOW) is None
+    positions = trajectories.state_at(NOW).position_ecef_m
+    assert abs(positions - positions[0]).max() < 1e-8
+    (block,) = TargetEncoder129(country="ES").blocks(["d"], [NOW], [40], [-3], altitude_m=[700])
+    for drone in ("d", "e"):  # by its content type, and by its looks
+        content_type = "application/x-asterix; cat=129" if drone == "d" else None
+        assert receiver.take(f"plotfeed/telemetry/{drone}", block, content_type, NOW) is None
+    positions = trajectories.state_at(NOW).position_ecef_m
+    assert abs(positions - positions[0]).max() < 0.05
+    assert (receiver.taken, trajectories.names) == (5, [*"abcde"])
+
+
+def test_refusals_are_published_up_to_a_rate_and_all_are_counted(of_two: Scene) -> None:
+    receiver, _ = make(of_two)
+
+    def take(t_ns: int) -> Message | None:
+        return receiver.take("plotfeed/telemetry/a", b"\xff", PROTOBUF, t_ns)
+
+    published = [take(NOW + i) for i in range(500)]
+    assert sum(m is not None for m in published) == MAX_REFUSALS_PER_S
+    assert receiver.refused == 500
+    later = take(NOW + S)
+    assert later is not None
+    assert json.loads(later.payload)["count"] == "501"
+
+
+def test_a_class_that_is_reported_is_that_of_the_drone_and_of_its_echoes(of_two: Scene) -> None:
+    receiver, trajectories = make(of_two)
+    said = bytes_of(-0.1, target_class="aircraft", size_m=35.8, rcs_m2=20.0)
+    assert receiver.take("t/telemetry/airliner", said, PROTOBUF, NOW) is None
+    assert receiver.take("t/telemetry/own", bytes_of(-0.1), PROTOBUF, NOW) is None
+    signatures = trajectories.signatures
+    rows = np.array([list(trajectories.names).index(name) for name in ("airliner", "own")])
+    assert signatures.target_class[rows].tolist() == ["aircraft", "drone"]
+    assert signatures.size_m[rows].tolist() == [35.8, of_two.telemetry.size_m]
+    assert signatures.rcs_m2[rows].tolist() == [20.0, of_two.telemetry.rcs_m2]
+    targets = (TargetKeys(target_class="aircraft", swerling=3), TargetKeys(swerling=1))
+    echoes = EchoesByClass(targets).of(["aircraft", "drone", "bird"])
+    assert [None if n < 0 else echoes.kinds[n].swerling for n in echoes.kind] == [3, 1, None]

@@ -7,6 +7,7 @@ import runpy
 import struct
 from itertools import pairwise
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,14 +21,12 @@ from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, FileLimits, read
 from plotfeed.proto.errors import PlotfeedError
 
 CONFINED = """
-import json, resource
+import json, os, resource
 from plotfeed.feeds.telemetry.foreign_files import confine_process
 confine_process(1 << 30, 7)
-print(json.dumps({"found": {"RLIMIT_AS": resource.getrlimit(resource.RLIMIT_AS)[0],
-    "RLIMIT_CPU": resource.getrlimit(resource.RLIMIT_CPU)[0]}}))
+limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_CPU)]
+print(json.dumps({"found": [limits, dict(os.environ), os.listdir("/proc/self/fd")]}))
 """
-ENVIRONMENT = "import json, os; print(json.dumps({'found': dict(os.environ)}))"
-FILES = "import json, os; print(json.dumps({'found': os.listdir('/proc/self/fd')}))"
 
 
 def _message(kind: str, body: bytes) -> bytes:
@@ -94,13 +93,12 @@ def test_it_has_limits_and_neither_our_secrets_nor_our_files(
     pytest.importorskip("resource")
     monkeypatch.setenv("PLOTFEED_REMOTE_ID_TOKEN", "secret")
     monkeypatch.setattr(foreign_files, "_START", CONFINED)
-    assert read_apart("ULog", b"") == {"RLIMIT_AS": 1 << 30, "RLIMIT_CPU": 7}
-    monkeypatch.setattr(foreign_files, "_START", ENVIRONMENT)
-    assert "secret" not in read_apart("ULog", b"").values()
-    monkeypatch.setattr(foreign_files, "_START", FILES)
     with Path(os.devnull).open("rb") as held:
         os.set_inheritable(held.fileno(), True)
-        assert len(read_apart("ULog", b"")) == 4  # its own three, and the folder
+        limits, environment, files = read_apart("ULog", b"")
+    assert limits == [1 << 30, 7]
+    assert "secret" not in environment.values()
+    assert len(files) == 4  # its own three, and the folder
 
 
 VRT = """<VRTDataset rasterXSize="9" rasterYSize="9"><SRS>EPSG:4326</SRS>
@@ -157,9 +155,7 @@ def test_rasters_are_what_their_suffix_says_and_no_larger_than_they_may(
 def test_an_error_that_no_reader_foresaw_is_a_line_with_the_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def breaks(*_: object) -> None:
-        raise RecursionError("deep\ndown")
-
+    breaks = Mock(side_effect=RecursionError("deep\ndown"))
     monkeypatch.setattr("plotfeed.feeds.telemetry.flights._reader", lambda *_: breaks)
     path = tmp_path / "a.csv"
     path.write_bytes(b"time")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
-import tempfile
 from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.given_files import GOLDEN
-from support.given_flights import flown
+from support.given_flights import flown, moved_m, speeds
 
 from plotfeed.feeds.cli.inject import summary_lines
 from plotfeed.feeds.telemetry.flights import read
@@ -26,38 +27,18 @@ from plotfeed.feeds.telemetry.flights.flight import (
     courses,
     longest_increasing,
 )
-from plotfeed.feeds.telemetry.flights.smoothed import smoothed
+from plotfeed.feeds.telemetry.flights.smoothed import (
+    DEGREE_DECIMALS,
+    METRE_DECIMALS,
+    quantum,
+    smoothed,
+)
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.models.state import AltitudeReference
+from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 SEA = AltitudeReference.MEAN_SEA_LEVEL
-
-
-def flight_or_why(path: Path) -> Flight | str:
-    try:
-        return read(path, FlightOptions(altitude_reference=SEA))
-    except PlotfeedError as error:
-        return str(error)
-
-
-@given(
-    st.sampled_from([".srt", ".csv", ".bin", ".tlog", ".gpx", ".txt", ""]),
-    st.binary(max_size=300),
-    st.sampled_from(
-        [b"", b"\xa3\x95\x80", b"<?xml ", b"1\n00:00:00,000 --> ", b"time,lat,lon,alt\n"]
-    ),
-)
-def test_arbitrary_files_give_one_line_that_names_them(
-    suffix: str, data: bytes, head: bytes
-) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"flight{suffix}"
-        path.write_bytes(head + data)
-        why = flight_or_why(path)
-    assert isinstance(why, str)
-    assert why.startswith(str(path))
-    assert "\n" not in why
 
 
 LOGS = [path for path in (GOLDEN / "flights").iterdir() if path.suffix != ".py"]
@@ -96,17 +77,9 @@ def test_a_binary_record_of_a_dji_app_is_refused_with_what_reads_it(
         read(path)
 
 
-def test_nothing_is_printed_about_garbage(
+def test_files_that_cannot_be_opened_or_understood_are_refused_in_a_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    for suffix in (".bin", ".tlog", ".gpx"):
-        path = tmp_path / f"a{suffix}"
-        path.write_bytes(bytes(range(256)) * 20)
-        assert isinstance(flight_or_why(path), str)
-    assert capfd.readouterr() == ("", "")
-
-
-def test_files_that_cannot_be_opened_or_understood_are_refused(tmp_path: Path) -> None:
     for name in ("absent.csv", ".", "nul\0.csv"):
         with pytest.raises(PlotfeedError, match="cannot be read"):
             read(tmp_path / name)
@@ -115,6 +88,14 @@ def test_files_that_cannot_be_opened_or_understood_are_refused(tmp_path: Path) -
         path.write_bytes(data)
         with pytest.raises(PlotfeedError, match=why):
             read(path)
+    for suffix in (".bin", ".tlog", ".gpx"):
+        garbage = tmp_path / f"a{suffix}"
+        garbage.write_bytes(bytes(range(256)) * 20)
+        with pytest.raises(PlotfeedError) as refused:
+            read(garbage)
+        assert str(refused.value).startswith(f"{garbage}: ")
+        assert "\n" not in str(refused.value)
+    assert capfd.readouterr() == ("", "")
     os.truncate(path, 1 << 40)
     with pytest.raises(PlotfeedError, match="larger than"):
         read(path)
@@ -165,7 +146,7 @@ def test_wrong_fixes_are_found_wherever_they_are(wrong: set[int], high: bool) ->
     assert courses(reports).refused.keys() == wrong
 
 
-def jumps(there: set[int], number: int) -> list[PositionReport]:
+def jumps(there: range, number: int) -> list[PositionReport]:
     return [report(i, latitude_deg=50.0 + 0.02 * (i in there)) for i in range(number)]
 
 
@@ -173,9 +154,9 @@ def test_what_was_flown_is_told_from_jumps_and_other_sources() -> None:
     """Steps of a coarse log, a jump that persists, one there and back, and a second source."""
     coarse = [report(i, latitude_deg=50.0 + (i // 5) * 1e-4 - i * 1e-5) for i in range(40)]
     assert courses(coarse) == courses([]) == Courses({})
-    assert courses(jumps({*range(20, 100)}, 100)) == Courses({}, starts=(20,))
-    assert courses(jumps({*range(20, 40)}, 100)).refused.keys() == {*range(20, 40)}
-    both = courses(jumps({*range(0, 90, 3)}, 90))
+    assert courses(jumps(range(20, 100), 100)) == Courses({}, starts=(20,))
+    assert courses(jumps(range(20, 40), 100)).refused.keys() == {*range(20, 40)}
+    both = courses(jumps(range(0, 90, 3), 90))
     assert both.refused.keys() == {*range(0, 90, 3)}
     assert (both.starts, both.second) == ((), 30)
     fast = [report(i, latitude_deg=50.0 + i * 1e-3) for i in range(40)]
@@ -185,9 +166,97 @@ def test_what_was_flown_is_told_from_jumps_and_other_sources() -> None:
 
 def test_nothing_leads_from_before_a_new_start_to_it_and_no_speed_is_taken_for_it() -> None:
     log = Log()
-    log.found += [(f"line {i}", one) for i, one in enumerate(jumps({*range(30, 60)}, 60))]
+    log.found += [(f"line {i}", one) for i, one in enumerate(jumps(range(30, 60), 60))]
     flight = log.flight("a")
     assert flight.starts == (30,)
     assert "new start" in flight.assumed[0]
     for one in smoothed(flight).reports:
         assert np.hypot(*one.velocity_enu_m_s[:2]) < 10.0
+
+
+# Steps in which a log writes positions, and velocities that it has or lacks.
+
+M_PER_DEG = 111_229.0  # of latitude at 50 north
+
+
+def steady(t_s: Floats, north_m: Floats, decimals: int = 12, east_deg: float = 3.0) -> Flight:
+    latitudes = np.round(50.0 + north_m / M_PER_DEG, decimals)
+    reports = tuple(
+        PositionReport(round(t * NS), float(latitude), east_deg, 100.0, SEA)
+        for t, latitude in zip(t_s, latitudes, strict=True)
+    )
+    return Flight(name="a", reports=reports)
+
+
+@pytest.mark.parametrize(("rate_hz", "speed_m_s"), [(1.0, 2.0), (5.0, 6.0), (30.0, 15.0)])
+def test_steady_flight_in_eleven_metre_steps_gives_its_speed(
+    rate_hz: float, speed_m_s: float
+) -> None:
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    coarse = steady(t_s, t_s * speed_m_s, decimals=4)
+    smooth = smoothed(coarse)
+    assert moved_m(coarse, smooth) < 15
+    inner = speeds(smooth)[len(t_s) // 6 : -len(t_s) // 6]
+    assert inner == pytest.approx(speed_m_s, abs=0.25 * speed_m_s + 0.5)
+    assert inner.mean() == pytest.approx(speed_m_s, rel=0.05)
+
+
+def test_a_fine_log_is_left_as_it_is() -> None:
+    t_s = np.arange(0, 60, 0.2)
+    fine = steady(t_s, 50 * np.sin(t_s / 5), decimals=7)
+    smooth = smoothed(fine)
+    assert moved_m(fine, smooth) < 0.02
+    assert speeds(smooth)[5:-5] == pytest.approx(np.abs(10 * np.cos(t_s / 5))[5:-5], abs=0.3)
+
+
+def test_a_break_in_the_log_is_not_bridged_unless_it_is_sparse_all_over() -> None:
+    t_s = np.concatenate([np.arange(20.0), np.arange(80.0, 100.0)])
+    north_m = np.concatenate([np.arange(20.0) * 10, 200 - np.arange(20.0) * 10])
+    smooth = smoothed(steady(t_s, north_m, decimals=4))
+    north_m_s = [r.velocity_enu_m_s[1] for r in smooth.reports]
+    assert north_m_s[15:20] == pytest.approx([10.0] * 5, abs=4)
+    assert north_m_s[20:25] == pytest.approx([-10.0] * 5, abs=4)
+    t_s = np.arange(0, 300.0, 10.0)
+    assert speeds(smoothed(steady(t_s, t_s * 7))) == pytest.approx(7.0, rel=1e-3)
+    one = steady(np.zeros(1), np.zeros(1))
+    assert smoothed(one) == one
+
+
+def test_recorded_velocity_is_kept_and_its_gaps_are_filled() -> None:
+    t_s = np.arange(30.0)
+    whole = steady(t_s, t_s * 5)
+    told = tuple(r._replace(velocity_enu_m_s=(1.0, math.nan, math.nan)) for r in whole.reports)
+    velocity = smoothed(replace(whole, reports=told)).reports[10].velocity_enu_m_s
+    assert velocity == pytest.approx((1.0, 5.0, 0.0), abs=1e-3)
+
+
+def test_the_antimeridian_is_crossed_without_a_jump() -> None:
+    t_s = np.arange(20.0)
+    across = steady(t_s, 0 * t_s)
+    east = tuple(
+        r._replace(longitude_deg=(179.999 + i * 1e-4 + 180) % 360 - 180)
+        for i, r in enumerate(across.reports)
+    )
+    smooth = smoothed(replace(across, reports=east))
+    assert speeds(smooth) == pytest.approx(7.17, abs=0.05)
+    assert all(-180 <= r.longitude_deg <= 180 for r in smooth.reports)
+    assert moved_m(replace(across, reports=east), smooth) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("values", "decimals", "expected"),
+    [
+        ([36.6146, 36.6147, 36.6172], DEGREE_DECIMALS, 1e-4),
+        ([-35.3623714, -35.3623715], DEGREE_DECIMALS, 1e-7),
+        ([50 + k / 600_000 for k in (0, 0, 1, 1, 1, 2, 4, 4, 4, 4)], DEGREE_DECIMALS, 1 / 600_000),
+        ([math.pi, math.e, math.sqrt(2), 1.1], DEGREE_DECIMALS, 0.0),
+        # One that is damaged does not hide the step.
+        ([50.00000123, *np.round(50 + np.arange(60) * 1e-4, 4)], DEGREE_DECIMALS, 1e-4),
+        ([0.3, 87.9, -0.1], METRE_DECIMALS, 0.1),
+        ([5.0, 7.0, 5.0], METRE_DECIMALS, 1.0),
+    ],
+)
+def test_the_step_in_which_values_are_written(
+    values: list[float], decimals: range, expected: float
+) -> None:
+    assert quantum(np.array(values), decimals) == pytest.approx(expected, rel=1e-3)

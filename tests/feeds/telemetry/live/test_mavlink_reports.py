@@ -39,14 +39,16 @@ class Vehicle:
         return self.says("gps_raw_int", time_us, fix, *place, 80, 120, 500, 9000, 14, *more)
 
 
-def said(heard: list[HeardReport]) -> list[Any]:
-    return [each.said for each in heard]
-
-
 def report(heard: list[HeardReport]) -> PositionReport:
-    (only,) = said(heard)
-    assert isinstance(only, PositionReport)
-    return only
+    (only,) = heard
+    assert isinstance(only.said, PositionReport)
+    return only.said
+
+
+def reason(heard: list[HeardReport]) -> Reason:
+    (only,) = heard
+    assert isinstance(only.said, Refused)
+    return only.said.reason
 
 
 def hear(
@@ -72,21 +74,15 @@ def test_a_position_is_taken_with_its_units_and_signs(dialect: Any) -> None:
 def test_positions_bear_the_time_of_the_sender_where_it_is_right() -> None:
     listener, vehicle = MavlinkReports("{system}"), Vehicle()
     hear(listener, vehicle.says("system_time", (NOW - S // 10) // 1000, 5000))
-    found = report(hear(listener, vehicle.at(5100), NOW + 30_000_000))
-    assert found.t_utc_ns == NOW
+    assert report(hear(listener, vehicle.at(5100), NOW + 30_000_000)).t_utc_ns == NOW
     assert listener.notes() == []
-
-
-def test_a_clock_that_is_off_is_told_once_and_not_taken() -> None:
-    listener, vehicle = MavlinkReports("{system}"), Vehicle()
+    listener = MavlinkReports("{system}")  # of a clock that is off, which is told once
     hear(listener, vehicle.says("system_time", (NOW - 3600 * S) // 1000, 5000))
     for i in range(3):
         found = report(hear(listener, vehicle.at(5000 + 100 * i), NOW + i * S // 10))
         assert found.t_utc_ns == NOW + i * S // 10
-    assert listener.notes() == [
-        "1: its clock is 3600.000 s behind: positions are of when they come"
-    ]
-    assert listener.notes() == []
+    told = "1: its clock is 3600.000 s behind: positions are of when they come"
+    assert [listener.notes(), listener.notes()] == [[told], []]
 
 
 def test_the_estimate_is_preferred_and_the_receiver_stands_in() -> None:
@@ -115,20 +111,12 @@ def test_accuracies_that_are_not_sent_are_unknown(dialect: Any) -> None:
 def test_the_receivers_altitude_above_home_needs_home() -> None:
     listener, vehicle = MavlinkReports("a", "above_takeoff"), Vehicle()
     hear(listener, vehicle.raw(1_000_000))
-    (refused,) = said(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S))
-    assert refused.reason is Reason.ALTITUDE
+    assert reason(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S)) is Reason.ALTITUDE
     home = (404500000, -37300000, 650_000, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0)
     hear(listener, vehicle.says("home_position", *home), NOW + 4 * S)
     assert report(hear(listener, vehicle.raw(6_000_000), NOW + 5 * S)).altitude_m == 101.0
-
-
-def test_without_a_fix_there_is_no_position() -> None:
-    listener, vehicle = MavlinkReports("a"), Vehicle()
-    hear(listener, vehicle.raw(1_000_000))
-    for data in (vehicle.at(1000, 0, 0), vehicle.raw(5_000_000, fix=2)):
-        (refused,) = said(hear(listener, data, NOW + 4 * S))
-        assert isinstance(refused, Refused)
-        assert refused.reason is Reason.NO_POSITION
+    for data in (vehicle.at(1000, 0, 0), vehicle.raw(9_000_000, fix=2)):  # without a fix
+        assert reason(hear(listener, data, NOW + 8 * S)) is Reason.NO_POSITION
 
 
 def test_several_systems_and_peers_are_several_drones() -> None:
@@ -226,13 +214,11 @@ def test_a_pack_is_taken_apart() -> None:
     assert hear(MavlinkReports("a"), frame)[0].drone == "SERIAL"
 
 
-def test_octets_that_are_no_frames_are_refused_in_one() -> None:
-    (refused,) = said(hear(MavlinkReports("a"), b"hello, world " * 50))
-    assert refused.reason is Reason.UNDECODABLE
-    assert "650 octets that are no MAVLink frame" in refused.detail
-
-
-def test_a_flood_of_peers_is_not_remembered() -> None:
+def test_octets_that_are_no_frames_are_refused_in_one_and_their_peers_not_remembered() -> None:
+    (heard,) = hear(MavlinkReports("a"), b"hello, world " * 50)
+    assert isinstance(heard.said, Refused)
+    assert heard.said.reason is Reason.UNDECODABLE
+    assert "650 octets that are no MAVLink frame" in heard.said.detail
     listener = MavlinkReports("a")
     for i in range(3 * MAX_PEERS):
         hear(listener, b"\xfd\xff\x00", peer=f"10.0.0.1:{i}")
