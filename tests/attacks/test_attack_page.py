@@ -1,19 +1,27 @@
-"""Who connects to the page and says nothing, or half of it: everybody else is served meanwhile."""
+"""Who connects to the page or asks for metrics with half a request, garbage or nothing at all."""
 
 from __future__ import annotations
 
 import contextlib
+import signal
 import socket
 from collections.abc import Iterator
 from urllib.request import urlopen
 
 import pytest
+from support.brokers import free_port
 from support.command import running
 from support.waiting import PATIENCE_S, wait_until
 
 pytest.importorskip("uvicorn")
 
 HALF = (b"", b"G", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n", b"GET / HTTP/1.1\r\nX: " + b"x" * 900)
+UPGRADE = (
+    "GET /feed HTTP/1.1\r\nHost: 127.0.0.1:{0}\r\nOrigin: http://127.0.0.1:{0}\r\n"
+    "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+)
+GARBAGE = (b"\x10\xff\xff\xff\x7f", b"\x30\x02\x00", b"\0" * 99, bytes(range(256)))
 MANY = 220
 
 
@@ -26,31 +34,37 @@ def connections(port: int, count: int) -> Iterator[list[socket.socket]]:
         ]
 
 
-def status(port: int) -> int:
-    with urlopen(f"http://127.0.0.1:{port}/", timeout=PATIENCE_S) as answer:
+def status(port: int, path: str = "") -> int:
+    with urlopen(f"http://127.0.0.1:{port}/{path}", timeout=PATIENCE_S) as answer:
         return int(answer.status)
 
 
 def is_closed(connection: socket.socket) -> bool:
     connection.setblocking(False)
     try:
-        return connection.recv(1) == b""
+        while connection.recv(65536):
+            pass
     except BlockingIOError:
         return False
     except OSError:
-        return True
+        pass
+    return True
 
 
-def test_half_sent_requests_keep_nobody_out() -> None:
-    with running("demo", "--broker", "none") as demo:
+def test_half_sent_requests_and_garbage_keep_nobody_out() -> None:
+    metrics = free_port()
+    with running("demo", "--broker", "none", "--metrics", metrics) as demo:
         port = demo.port("page")
-        with connections(port, MANY) as attackers:
-            for number, attacker in enumerate(attackers):
+        openings = [*HALF, *GARBAGE, UPGRADE.format(port).encode() + GARBAGE[-1]]
+        with connections(port, MANY) as attackers, connections(metrics, len(openings)) as others:
+            for number, attacker in enumerate([*attackers, *others]):
                 with contextlib.suppress(OSError):
-                    attacker.sendall(HALF[number % len(HALF)])
-            assert status(port) == 200
+                    attacker.sendall(openings[number % len(openings)])
+            assert status(port) == status(metrics, "metrics") == 200
             wait_until(lambda: all(map(is_closed, attackers)), "they stay")
         assert status(port) == 200
+        code, _, err = demo.end(signal.SIGTERM)
+    assert (code, err) == (0, "")
 
 
 def test_a_second_request_that_does_not_end_is_given_up_too() -> None:

@@ -56,15 +56,14 @@ def bounded(*arguments: object, cpu_s: int, memory_mib: float) -> Bounded:
 CPU_S, MEMORY_MIB = 30, 300
 
 
-def empty_messages(count: int) -> bytes:
-    """Messages of no octets, in a chunk, by somebody else's writer."""
+def by_others(count: int, data: bytes, every_ns: float, chunk_size: int) -> bytes:
+    """Messages that are all alike, by somebody else's writer."""
     file = io.BytesIO()
-    writer = Writer(file, chunk_size=1 << 40, compression=CompressionType.ZSTD)
+    writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.ZSTD)
     writer.start()
-    schema = writer.register_schema("", "", b"")
-    channel = writer.register_channel("topic", "json", schema)
+    channel = writer.register_channel("topic", "json", writer.register_schema("", "", b""))
     for i in range(count):
-        writer.add_message(channel, log_time=i // 1000, publish_time=0, data=b"")
+        writer.add_message(channel, log_time=int(i * every_ns), publish_time=0, data=data)
     writer.finish()
     return file.getvalue()
 
@@ -134,7 +133,7 @@ def test_files_that_hold_nothing_are_damage_in_bounded_memory(name: str, tmp_pat
 BOMBS = {
     "one chunk of many": lambda: bomb(1, 8_000_000),
     "many chunks": lambda: bomb(60, 30_000),
-    "with an index": lambda: empty_messages(30_000),
+    "with an index": lambda: by_others(30_000, b"", 1e-3, 1 << 40),
 }
 
 
@@ -161,15 +160,8 @@ def test_what_a_file_grows_to_is_bounded(
 
 def test_a_log_that_shrinks_well_is_read_whole(tmp_path: Path) -> None:
     """What sensors say over and over shrinks a hundredfold."""
-    file = io.BytesIO()
-    writer = Writer(file, compression=CompressionType.ZSTD)
-    writer.start()
-    channel = writer.register_channel("topic", "json", writer.register_schema("", "", b""))
-    for i in range(20_000):
-        writer.add_message(channel, log_time=i * 10**8, publish_time=0, data=b'{"state":"ok"}' * 20)
-    writer.finish()
     path = tmp_path / "a.mcap"
-    path.write_bytes(file.getvalue())
+    path.write_bytes(by_others(20_000, b'{"state":"ok"}' * 20, 1e8, 1 << 20))
     done = bounded("show", path, cpu_s=CPU_S, memory_mib=MEMORY_MIB)
     assert done.returncode == 0
     assert "20000 messages" in done.stdout

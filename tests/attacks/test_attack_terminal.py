@@ -94,11 +94,8 @@ def test_a_scene_with_such_names_is_told_of_in_plain_text(tmp_path: Path) -> Non
 
 def test_no_cell_is_a_formula(tmp_path: Path) -> None:
     for n, start in enumerate("=+-@\t\r"):
-        name, record, table = (
-            f'{start}HYPERLINK("x")',
-            tmp_path / f"{n}.mcap",
-            tmp_path / f"{n}.csv",
-        )
+        name, record = f'{start}HYPERLINK("x")', tmp_path / f"{n}.mcap"
+        table = record.with_suffix(".csv")
         batch = pb.PlotBatch(sensor=name, scan=1)
         batch.plots.add(time_utc_ns=10**18, range_m=1000.0, azimuth_deg=10.0, identity=name)
         with Recorder(record, waits=True) as recorder:
