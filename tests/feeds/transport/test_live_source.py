@@ -8,20 +8,25 @@ import os
 import pty
 import socket
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, has_ipv6
+from support.deliveries import taken
 from support.own_time import in_own_time
 from support.udp_receiver import interface_of
 from support.waiting import PATIENCE_S, kept_up, until
 
+from plotfeed.feeds.console.printed import bracketed
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import live_source
 from plotfeed.feeds.transport.live_source import LiveSource, UdpOctets, octets_of
 from plotfeed.feeds.transport.peers import PeerLimits
+from plotfeed.feeds.transport.udp import UdpTransport
 from plotfeed.feeds.transport.ways_out import BACKOFF_S, TransportError
 from plotfeed.proto.errors import PlotfeedError
 
@@ -55,10 +60,20 @@ class Taker:
         return b"".join(self.came.values())
 
 
+def datagrams() -> socket.socket:
+    """A socket of IPv4 at a port of its own, for as long as it is open."""
+    ours = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    ours.bind(("127.0.0.1", 0))
+    ours.settimeout(PATIENCE_S)
+    return ours
+
+
 @contextlib.asynccontextmanager
-async def listening(url: str) -> AsyncIterator[tuple[Taker, UdpOctets]]:
+async def listening(
+    url: str, interface: str | None = None
+) -> AsyncIterator[tuple[Taker, UdpOctets]]:
     taker = Taker()
-    source = octets_of(SourceAddress.parse(url), taker)
+    source = octets_of(SourceAddress.parse(url), taker, interface)
     await source.open()
     async with kept_up(source.run()):
         yield taker, source  # type: ignore[misc]
@@ -94,17 +109,12 @@ async def test_a_peer_that_is_held_up_when_all_ends_is_no_error() -> None:
 async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
     port = free_port()
     async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, source):
-        with (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
-        ):
+        with datagrams() as one, datagrams() as other:
             one.sendto(b"one", ("127.0.0.1", port))
             other.sendto(b"other", ("127.0.0.1", port))
             await until(lambda: len(taker.came) == 2)
             assert set(taker.came.values()) == {b"one", b"other"}
-            (peer,) = (peer for peer, data in taker.came.items() if data == b"one")
-            source.send(peer, b"answer")
-            one.settimeout(PATIENCE_S)
+            source.send("{}:{}".format(*one.getsockname()), b"answer")
             assert one.recv(100) == b"answer"
 
 
@@ -120,7 +130,7 @@ async def test_octets_of_a_live_source_become_reports_with_what_the_scene_states
         refuse=lambda _drone, refusal: refused.append(refusal.reason),
     )
     await source.open()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+    with datagrams() as receiver:
         for said in (IDENTITY, AIRBORNE, b"noise"):
             receiver.sendto(said, ("127.0.0.1", port))
         await until(lambda: taken and refused)
@@ -131,65 +141,33 @@ async def test_octets_of_a_live_source_become_reports_with_what_the_scene_states
     assert (found.rcs_m2, refused) == (0.5, ["undecodable"])
 
 
-@contextlib.contextmanager
-def to_group(group: str) -> Iterator[socket.socket]:
-    """A socket whose datagrams to a group go no further than loopback."""
-    is_4 = ":" not in group
-    level = socket.IPPROTO_IP if is_4 else socket.IPPROTO_IPV6
-    with socket.socket(socket.AF_INET if is_4 else socket.AF_INET6, socket.SOCK_DGRAM) as out:
-        if is_4:
-            out.setsockopt(level, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-            out.setsockopt(level, socket.IP_MULTICAST_TTL, 0)
-        else:
-            index = socket.if_nametoindex(interface_of(group))
-            out.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
-            out.setsockopt(level, socket.IPV6_MULTICAST_HOPS, 0)
-        yield out
-
-
-@contextlib.asynccontextmanager
-async def in_a_group(host: str, port: int, *takers: Taker) -> AsyncIterator[None]:
-    """Sources that have joined it at loopback."""
-    where = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-    keys = {"url": f"mavlink:udp://{where}", "interface": interface_of(host)}
-    settings = TelemetrySource.model_validate(keys)
-    sources = [octets_of(settings.address, taker, settings.interface) for taker in takers]
-    try:
-        for source in sources:
-            try:
-                await source.open()
-            except TransportError as error:
-                pytest.skip(f"this machine's loopback has no multicast: {error}")
-        yield
-    finally:
-        for source in sources:
-            source.close()
-
-
 @pytest.mark.parametrize("group", ["239.255.77.78", "ff11::7:8"])
 @in_own_time
 async def test_a_group_is_heard_by_all_who_joined_it(group: str) -> None:
     if ":" in group and not has_ipv6():
         pytest.skip("this machine has no IPv6 loopback")
-    one, other, port = Taker(), Taker(), free_port()
-    async with in_a_group(group, port, one, other):
-        with to_group(group) as drone:
-            drone.sendto(b"here I am", (group, port))
+    place = f"{bracketed(group)}:{free_port()}"
+    url, at = f"mavlink:udp://{place}", interface_of(group)
+    drone = UdpTransport(UdpDestination(destination=place, interface=at, ttl=0))
+    try:
+        async with listening(url, at) as (one, _), listening(url, at) as (other, _):
+            drone.open()
+            assert taken(drone, Message("t", b"here I am", "application/x-asterix", 0))
             await until(lambda: one.all == other.all == b"here I am")
             assert list(one.came) == list(other.came)
-            assert next(iter(one.came)).endswith(f":{drone.getsockname()[1]}")
+    except TransportError as error:
+        pytest.skip(f"this machine's loopback has no multicast: {error}")
+    finally:
+        drone.close()
 
 
 @in_own_time
 async def test_whoever_is_named_is_sent_something_first() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
-        autopilot.bind(("127.0.0.1", 0))
-        autopilot.setblocking(False)
+    with datagrams() as autopilot:
         place = "{}:{}".format(*autopilot.getsockname())
         async with listening(f"mavlink:udpout:{place}") as (taker, source):
             source.send(source.correspondents[0], b"hello")
-            loop = asyncio.get_running_loop()
-            data, sender = await loop.sock_recvfrom(autopilot, 100)
+            data, sender = autopilot.recvfrom(100)
             assert data == b"hello"
             autopilot.sendto(b"position", sender)
             await until(lambda: taker.all == b"position")
@@ -226,7 +204,7 @@ async def test_datagrams_that_the_socket_had_no_room_for_are_counted(
     monkeypatch.setattr(live_source, "BUFFER_OCTETS", 4096)
     port, sent = free_port(), 500
     async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, _):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        with datagrams() as end:
             for _ in range(sent):
                 end.sendto(b".", ("127.0.0.1", port))
         await until(lambda: len(taker.all) + len(taker.refused) == sent)
@@ -331,45 +309,29 @@ def test_a_serial_port_without_pyserial_says_what_to_install(
 
 @in_own_time
 @pytest.mark.parametrize(
-    ("url", "why"),
+    ("url", "interface", "why"),
     [
-        ("mavlink:/dev/null", "expected a serial port"),
-        ("mavlink:/nowhere/tty", "mavlink:/nowhere/tty,57600: No such file or directory$"),
-        ("mavlink:/dev/null,12345", "12345 baud is no usual rate"),
-        ("sbs1:file:/nowhere", "no file that can be read"),
+        ("mavlink:/dev/null", None, "expected a serial port"),
+        ("mavlink:/nowhere/tty", None, "mavlink:/nowhere/tty,57600: No such file or directory$"),
+        ("mavlink:/dev/null,12345", None, "12345 baud is no usual rate"),
+        ("sbs1:file:/nowhere", None, "no file that can be read"),
+        ("mavlink:udpin:127.0.0.1:{taken}", None, r"127\.0\.0\.1:\d+: Address already in use"),
+        ("mavlink:mcast:239.255.77.78:{taken}", "nowhere0", r"239\.255\.77\.78:\d+ at nowhere0: "),
     ],
 )
-async def test_what_cannot_be_opened_says_why(url: str, why: str) -> None:
-    with pytest.raises(TransportError, match=why):
-        async with listening(url):
+async def test_what_cannot_be_opened_says_why(url: str, interface: str | None, why: str) -> None:
+    with datagrams() as ours, pytest.raises(TransportError, match=why):
+        async with listening(url.format(taken=ours.getsockname()[1]), interface):
             pass
-
-
-@in_own_time
-async def test_a_taken_port_and_an_interface_that_is_not_there_are_named() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"mavlink:udpin:127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(TransportError, match=f"{url}: Address already in use"):
-            async with listening(url):
-                pass
-    keys = {"url": f"mavlink:mcast:239.255.77.78:{free_port()}", "interface": "nowhere0"}
-    settings = TelemetrySource.model_validate(keys)
-    with pytest.raises(TransportError, match=r"mavlink:udpin:239\.255\.77\.78:\d+ at nowhere0: "):
-        await octets_of(settings.address, Taker(), settings.interface).open()
 
 
 @in_own_time
 async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "hex"
     path.write_bytes(bytes(range(256)) * 1000)
-    taker = Taker()
-    source = octets_of(SourceAddress.parse(f"sbs1:file:{path}"), taker)
-    await source.open()
-    await source.run()
-    source.close()
+    async with listening(f"sbs1:file:{path}") as (taker, _):
+        await until(lambda: taker.left == [str(path)])
     assert taker.all == path.read_bytes()
-    assert taker.left == [str(path)]
 
 
 ADDRESSES = [
