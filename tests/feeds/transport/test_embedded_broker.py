@@ -7,19 +7,29 @@ import os
 import signal
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
-from support.brokers import deaf_server, free_port, port_is_taken, wait_until_silent
-from support.command import running
-from support.scene_files import FOR_BROWSERS, radar, scene_file, scene_text
-from support.waiting import wait_until
+from paho.mqtt.client import CallbackAPIVersion, Client, MQTTMessage
+from support.brokers import deaf_server, free_port, is_listening, port_is_taken, wait_until_silent
+from support.command import plotfeed_here, running
+from support.scene_files import FOR_BROWSERS, ORIGIN, radar, scene_file, scene_text
+from support.waiting import PATIENCE_S, wait_until
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin, Subprotocol
 
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.transport import embedded_broker
 from plotfeed.feeds.transport.broker_process import listeners
 from plotfeed.feeds.transport.embedded_broker import BrokerError, EmbeddedBroker
+from plotfeed.feeds.transport.mqtt.packets import connect_packet
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
@@ -27,14 +37,10 @@ FAST = radar(period_s=0.2, sectors=8)
 
 def test_where_the_usual_port_is_taken_another_stands_in_and_that_is_told() -> None:
     with port_is_taken(1883), running("demo", "--page", "none") as demo:
-        (line,) = (line for line in demo.introduction if line.startswith("  MQTT"))
         port = demo.port("MQTT")
         assert port != 1883
-        assert line.split() == [
-            "MQTT",
-            f"mqtt://127.0.0.1:{port}",
-            *["(port", "1883", "is", "taken)"],
-        ]
+        (line,) = (line for line in demo.introduction if line.startswith("  MQTT"))
+        assert line.split(maxsplit=2)[1:] == [f"mqtt://127.0.0.1:{port}", "(port 1883 is taken)"]
         assert f"look at it: plotfeed show mqtt://127.0.0.1:{port};" in demo.introduction[-1]
         with MqttReceiver(port, 4, "plotfeed/#") as client:
             client.wait_for(lambda m: m.topic == "plotfeed/session")
@@ -191,7 +197,8 @@ def test_a_broker_that_dies_is_started_anew(tmp_path: Path) -> None:
             for pid in _children(session.process.pid):
                 os.kill(pid, signal.SIGKILL)
             client.wait_until_cut_off()
-        with _connected(port, 5, "plotfeed/#") as again:
+        wait_until(lambda: is_listening(port))
+        with MqttReceiver(port, 5, "plotfeed/#") as again:
             settings = again.wait_for(lambda m: m.topic.endswith("/settings"))
             again.wait_for(lambda m: m.topic.endswith("/plots"))
         _, _, err = session.end(signal.SIGTERM)
@@ -204,13 +211,87 @@ def _children(pid: int) -> Iterator[int]:
         yield from map(int, (task / "children").read_text().split())
 
 
-def _connected(port: int, version: int, *filters: str) -> MqttReceiver:
-    found: list[MqttReceiver] = []
+# WebSocket, for pages.
 
-    def connects() -> bool:
-        with suppress(OSError, AssertionError):
-            found.append(MqttReceiver(port, version, *filters))
-        return bool(found)
 
-    wait_until(connects)
-    return found[0]
+@contextmanager
+def browsing(port: int, topic_filter: str) -> Iterator[Iterator[MQTTMessage]]:
+    """What comes to a page of ORIGIN that subscribes; fails if nothing does for long."""
+    came = SimpleQueue[MQTTMessage]()
+    client = Client(CallbackAPIVersion.VERSION2, transport="websockets")
+    client.ws_set_options("/mqtt", {"Origin": ORIGIN})
+    client.on_connect = lambda *_: client.subscribe(topic_filter)
+    client.on_message = lambda *told: came.put(told[2])
+    client.connect("127.0.0.1", port)
+    client.loop_start()
+    try:
+        yield iter(partial(came.get, timeout=PATIENCE_S), None)
+    finally:
+        client.disconnect()
+        client.loop_stop()
+
+
+@contextmanager
+def opened(port: int, origin: str = ORIGIN, host: str = "127.0.0.1") -> Iterator[ClientConnection]:
+    """The WebSocket alone, by a page of that origin that has asked for that host."""
+    with (
+        socket.create_connection(("127.0.0.1", port), PATIENCE_S) as wire,
+        connect(
+            f"ws://{host}:{port}/mqtt",
+            sock=wire,
+            origin=Origin(origin),
+            subprotocols=[Subprotocol("mqtt")],
+        ) as page,
+    ):
+        yield page
+
+
+def test_a_browser_receives_what_other_subscribers_do_and_other_sites_nothing(
+    tmp_path: Path,
+) -> None:
+    mqtt = f'prefix = "north/site/7"\n{FOR_BROWSERS}'
+    scene = scene_file(tmp_path, scene_text(sensors=FAST, mqtt=mqtt))
+    wanted, seen = {"asterix/048", "asterix/034", "plots", "status"}, dict[str, MQTTMessage]()
+    with running("run", scene) as session:
+        port = session.port("WebSocket")
+        with browsing(port, "north/site/7/#") as page:
+            while not wanted <= seen.keys():
+                message = next(page)
+                seen[message.topic.removeprefix("north/site/7/radar/")] = message
+        with browsing(port, "north/site/7/radar/status") as page:  # who comes late is told it, too
+            late = next(page)
+        for headers in (
+            {"origin": "http://evil.example"},
+            {"origin": "null"},
+            {"origin": f"{ORIGIN}0"},
+            {"host": "evil.example"},
+        ):
+            with pytest.raises(InvalidStatus, match="403"), opened(port, **headers):
+                pass
+        will = Message("will", b"gone", "", 0, retain=True)  # for who comes late, too
+        with browsing(port, "will") as others:
+            with opened(port) as page:
+                assert page.subprotocol == "mqtt"  # else a browser closes the connection
+                assert not page.protocol.extensions
+                page.send(connect_packet("page", 4, will=will, keep_alive_s=0))
+                page.recv()
+            assert next(others).payload == b"gone"  # of a page that is closed
+        _, _, err = session.end(signal.SIGTERM)
+    assert err == ""
+    for category in (48, 34):
+        records, errors = decode_lenient(seen[f"asterix/{category:03d}"].payload)
+        assert not errors
+        assert {record.category for record in records} == {category}
+    assert pb.PlotBatch.FromString(seen["plots"].payload).sensor == "radar"
+    assert late.retain
+    assert json.loads(seen["status"].payload)["state"] == "ONLINE"
+    assert json.loads(late.payload)["state"] == "ONLINE"
+
+
+def test_what_is_no_origin_is_refused(tmp_path: Path) -> None:
+    for origin in ("*", "null", "localhost:80", "http://a/", "http://a/b", "ws://a"):
+        keys = f'[mqtt.embedded]\nwebsocket_origins = ["{origin}"]'
+        done = plotfeed_here("check", scene_file(tmp_path, scene_text(mqtt=keys)))
+        assert done.returncode == 2
+        assert "mqtt.embedded.websocket_origins" in done.stderr
+        assert "expected http://HOST:PORT" in done.stderr
