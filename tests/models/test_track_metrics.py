@@ -1,3 +1,5 @@
+"""Scores of sets of tracks, in steps of time, of flights and of tracks that follow them."""
+
 from __future__ import annotations
 
 from itertools import permutations
@@ -39,10 +41,6 @@ from plotfeed.models.track_metrics import (
 from plotfeed.models.verdicts import FigureSamples
 
 
-def distances(truth: list[float], tracks: list[float]) -> np.ndarray:
-    return np.abs(np.subtract.outer(np.array(truth, float), np.array(tracks, float)))
-
-
 def test_what_is_at_the_cut_off_or_unknown_is_missed_and_false() -> None:
     for distance in (50.0, 80.0, np.nan, np.inf):
         score = set_score(np.array([[distance]]), 50.0, 2.0)
@@ -76,7 +74,7 @@ places = st.lists(st.floats(0, 100), max_size=4)
 def test_no_pairing_is_better(
     truth: list[float], tracks: list[float], cutoff_m: float, order: float
 ) -> None:
-    apart = distances(truth, tracks)
+    apart = np.abs(np.subtract.outer(np.array(truth, float), np.array(tracks, float)))
     score = set_score(apart, cutoff_m, order)
     gospa_m, ospa_m = by_all_pairings(apart, cutoff_m, order)
     assert score.gospa_m(order) == pytest.approx(gospa_m, rel=1e-9, abs=1e-6)
@@ -114,18 +112,11 @@ def test_a_track_is_moved_on_until_it_is_stale() -> None:
     assert found == {(k, 0): pytest.approx(2.0 * k) for k in (1, 2, 3, 4, 5)}
 
 
-def test_as_known_reports_count_from_when_they_came_and_age_since_they_hold() -> None:
+def test_as_known_reports_count_from_when_they_came_and_none_that_was_overtaken() -> None:
     given = reports((0.0, 2.0, 0), (1.0, 2.5, 0), (2.0, 9.0, 0))
     rows = on_grid(given, GRID, 4.0, as_known=True)
-    assert dict(zip(rows.step.tolist(), rows.age_s.tolist(), strict=True)) == {
-        2: 2.0,
-        3: 2.0,
-        4: 3.0,
-        5: 4.0,
-    }
-
-
-def test_as_known_what_a_later_report_has_overtaken_never_counts() -> None:
+    ages_s = dict(zip(rows.step.tolist(), rows.age_s.tolist(), strict=True))
+    assert ages_s == {2: 2.0, 3: 2.0, 4: 3.0, 5: 4.0}
     given = reports((0.0, 5.0, 0), (1.0, 1.0, 0), (1.0, 1.0, 1), (2.0, 2.0, 1))
     rows = on_grid(given, GRID, 10.0, as_known=True)
     assert set(rows.report[rows.track == 0].tolist()) == {1}
@@ -208,9 +199,9 @@ def test_it_is_the_cheapest_way_through_all_pairings(seed: int, flights: int) ->
     apart, drones, tracks = drawn(seed, 6, flights, 2)
     for switch in (0.5, 4.0):
         found = sum(t_gospa(apart, drones, tracks, cutoff_m=CUTOFF_M, order=2.0, switch_m=switch))
-        assert found <= by_dynamic_programming(apart, drones, tracks, 2.0, switch) + 1e-6
+        best = by_dynamic_programming(apart, drones, tracks, 2.0, switch)
+        assert found <= best + 1e-6
         if flights == 1:
-            best = by_dynamic_programming(apart, drones, tracks, 2.0, switch)
             assert found == pytest.approx(best)
 
 
@@ -255,27 +246,26 @@ def turning(t_s: np.ndarray) -> np.ndarray:
 
 
 def path_of(t_s: np.ndarray, gap_s: float = 6.0) -> FlightPath:
-    t_ns = T_NS + np.round(t_s * NS).astype(np.int64)
-    return FlightPath.of(t_ns, FRAME.to_ecef(turning(t_s)), round(gap_s * NS))
+    return FlightPath.of(at_ns(t_s), FRAME.to_ecef(turning(t_s)), round(gap_s * NS))
+
+
+def at_ns(t_s: np.ndarray) -> np.ndarray:
+    return T_NS + np.round(t_s * NS).astype(np.int64)
 
 
 def test_between_looks_of_a_second_a_turn_is_known_to_centimetres() -> None:
-    path = path_of(np.arange(0.0, 30.0, 1.0))
     t_s = np.linspace(2.0, 27.0, 301)
-    place_m, velocity_m_s = path.states_at(T_NS + np.round(t_s * NS).astype(np.int64))
+    place_m, velocity_m_s = path_of(np.arange(0.0, 30.0, 1.0)).states_at(at_ns(t_s))
     wrong_m = np.linalg.norm(FRAME.from_ecef(place_m) - turning(t_s), axis=1)
     assert wrong_m.max() < 0.06
-    speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
-    assert np.abs(speed_m_s - 15.0).max() < 0.35
+    assert np.abs(np.linalg.norm(velocity_m_s, axis=1) - 15.0).max() < 0.35
 
 
 def test_beyond_the_ends_and_in_gaps_it_is_not_there() -> None:
     path = path_of(np.array([0.0, 1.0, 2.0, 10.0, 11.0]))
-    t_s = np.array([-0.1, 0.0, 1.5, 2.0, 5.0, 10.5, 11.0, 11.1])
-    place_m, _ = path.states_at(T_NS + np.round(t_s * NS).astype(np.int64))
+    place_m, _ = path.states_at(at_ns(np.array([-0.1, 0.0, 1.5, 5.0, 10.5, 11.0, 11.1])))
     there = np.isfinite(place_m[:, 0]).tolist()
-    assert there[:3] == [False, True, True]
-    assert there[4:] == [False, True, True, False]
+    assert there == [False, True, True, False, True, True, False]
 
 
 def test_cover_is_between_looks_that_are_near_each_other() -> None:
@@ -303,11 +293,11 @@ def test_errors_over_the_ground_are_east_and_north_at_the_drone() -> None:
 
 
 def test_a_velocity_moves_a_point_as_far_as_it_says() -> None:
-    rate = rates(np.array([40.0]), np.array([-3.0]), np.array([[3.0, -4.0, np.nan]]))[0]
+    at = np.array([40.0]), np.array([-3.0])
+    rate = rates(*at, np.array([[3.0, -4.0, np.nan]]))[0]
     assert np.linalg.norm(rate[:3]) == pytest.approx(5.0)
     assert rate[3] == 0.0
-    back = along_enu(rate[None], np.array([40.0]), np.array([-3.0]))[0]
-    assert back == pytest.approx([3.0, -4.0, 0.0])
+    assert along_enu(rate[None], *at)[0] == pytest.approx([3.0, -4.0, 0.0])
 
 
 def held(apart: np.ndarray, confirm: int = 2, end: int = 3) -> set[tuple[int, int, int]]:
@@ -344,15 +334,12 @@ def test_a_crossing_is_no_swap_and_parting_is_one() -> None:
 
 
 def test_out_of_the_gate_for_two_steps_is_still_the_same() -> None:
-    apart = np.full((10, 1, 1), 1.0)
-    apart[3:5] = 50.0
-    rows = np.array(sorted(held(apart)))
-    assert len(segments_of(rows[:, 2], rows[:, 1], rows[:, 0], 3)) == 1
-    apart[3:7] = 50.0
-    rows = np.array(sorted(held(apart)))
-    parts = segments_of(rows[:, 2], rows[:, 1], rows[:, 0], 3)
-    assert parts.first.tolist() == [0, 7]
-    assert parts.last.tolist() == [2, 9]
+    for out, (first, last) in ((5, ([0], [9])), (7, ([0, 7], [2, 9]))):
+        apart = np.full((10, 1, 1), 1.0)
+        apart[3:out] = 50.0
+        step, drone, track = np.array(sorted(held(apart))).T
+        parts = segments_of(track, drone, step, 3)
+        assert (parts.first.tolist(), parts.last.tolist()) == (first, last)
 
 
 def test_a_track_that_is_near_another_drone_for_two_steps_stays_whose_it_was() -> None:
@@ -400,21 +387,14 @@ def test_while_a_drone_is_not_there_no_track_of_it_is_broken() -> None:
 N = 4000
 
 
-def drawn_errors(dimensions: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of covariances of their own."""
-    rng = np.random.default_rng(seed)
-    root = rng.normal(size=(N, dimensions, dimensions)) + 2 * np.eye(dimensions)
-    covariance = root @ root.transpose(0, 2, 1)
-    return (root @ rng.normal(size=(N, dimensions, 1)))[:, :, 0], covariance
-
-
 @pytest.mark.parametrize("dimensions", [2, 3])
 def test_nees_of_honest_errors_has_a_chi_squared_law(dimensions: int) -> None:
-    values = nees(*drawn_errors(dimensions))
+    """Of errors that have covariances of their own."""
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(N, dimensions, dimensions)) + 2 * np.eye(dimensions)
+    errors = (root @ rng.normal(size=(N, dimensions, 1)))[:, :, 0]
+    values = nees(errors, root @ root.transpose(0, 2, 1))
     assert_chance(float(stats.kstest(values, stats.chi2(dimensions).cdf).pvalue), "NEES")
-    one = np.zeros(N, np.int64)
-    found = FigureSamples(values, np.full(N, float(dimensions)), one).interval(1e-4)
-    assert found.low < 1.0 < found.high
 
 
 def test_nees_is_nan_where_a_covariance_is_none() -> None:
@@ -435,29 +415,22 @@ RUNS, STEPS = 300, 300
 
 
 @pytest.mark.parametrize("along", [0.0, 0.8, 0.95])
-def test_lag_lies_within_its_interval_however_errors_hang_together(along: float) -> None:
+def test_lag_and_nees_lie_within_their_intervals_however_errors_hang_together(along: float) -> None:
     """|z| > 1.96 in 5 of 100, and at most in 8 where few samples are left of 0.95."""
-    rng, outside = np.random.default_rng(1), 0
-    one = np.zeros(STEPS, np.int64)
+    rng, outside = np.random.default_rng(1), {"lag": 0, "nees": 0}
+    one, five = np.zeros(STEPS, np.int64), np.repeat(np.arange(5), STEPS)
     for _ in range(RUNS):
         course = np.cumsum(rng.normal(0.0, 0.3, STEPS))
         velocity = 12.0 * np.stack([np.sin(course), np.cos(course)], axis=-1)
-        errors = -0.3 * velocity + 8.0 * correlated(rng, (STEPS, 2), along)
-        found = FigureSamples(*lag_parts(errors, velocity), one).interval()
-        outside += not found.low <= 0.3 <= found.high
-    assert outside <= stats.binom.ppf(1 - 1e-4, RUNS, 0.05)
-
-
-@pytest.mark.parametrize("along", [0.0, 0.8, 0.95])
-def test_nees_of_the_honest_holds_one_in_its_interval(along: float) -> None:
-    rng, outside = np.random.default_rng(2), 0
-    series = np.repeat(np.arange(5), STEPS)
-    for _ in range(RUNS):
-        errors = correlated(rng, (STEPS, 5, 2), along)
-        values = (errors**2).sum(axis=2).T.ravel()
-        found = FigureSamples(values, np.full(len(values), 2.0), series).interval()
-        outside += not found.low <= 1.0 <= found.high
-    assert outside <= stats.binom.ppf(1 - 1e-4, RUNS, 0.07)
+        errors = correlated(rng, (STEPS, 6, 2), along)
+        late = -0.3 * velocity + 8.0 * errors[:, 5]
+        lag = FigureSamples(*lag_parts(late, velocity), one).interval()
+        squares = (errors[:, :5] ** 2).sum(axis=2).T.ravel()
+        ratio = FigureSamples(squares, np.full(len(squares), 2.0), five).interval()
+        outside["lag"] += not lag.low <= 0.3 <= lag.high
+        outside["nees"] += not ratio.low <= 1.0 <= ratio.high
+    assert outside["lag"] <= stats.binom.ppf(1 - 1e-4, RUNS, 0.05)
+    assert outside["nees"] <= stats.binom.ppf(1 - 1e-4, RUNS, 0.07)
 
 
 def test_an_error_of_azimuth_is_no_lag() -> None:

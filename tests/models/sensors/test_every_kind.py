@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_scenes import SENSOR_MAKERS, Dice
 from support.significance import assert_sum
+from support.targets import targets_at
 
 from plotfeed.feeds.scene.presets.preset import names
 from plotfeed.models.beam import AzimuthCover, Sector
-from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
+from plotfeed.models.chance import DrawsBySensor
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.surroundings import Multipath
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
@@ -159,24 +160,6 @@ def test_each_row_has_what_its_sensor_gives_it_alone(kind: str, n: int) -> None:
     assert plots_seen > 25 or n < 700
 
 
-@pytest.mark.parametrize("kind", list(MODELS)[1:4:2])
-def test_with_draws_by_drone_too(kind: str) -> None:
-    rng = np.random.default_rng(5)
-    models = several(MODELS[kind], rng)
-    found = targets(rng, 300)
-    draws = ScanDraws([Chance(1, str(i)) for i in range(SENSORS)], Purpose.DETECTION)
-    sensor, scans = found.sensor, np.full(len(found), 7)
-    looks, plots = (
-        stacked(models).rows(found.sensor).observe(found, draws.of(sensor, scans, found.drone))
-    )
-    for i, model in enumerate(models):
-        mine = of_rows(found, found.sensor == i)
-        own_draws = draws.of(sensor[sensor == i], scans[: len(mine)], mine.drone)
-        own_looks, own_plots = model.observe(mine, own_draws)
-        assert_same(looks.rows(looks.sensor == i), own_looks)
-        assert_same(plots.rows(plots.sensor == i), own_plots)
-
-
 @pytest.mark.parametrize("kind", MODELS)
 def test_equal_sensors_are_one_without_columns(kind: str) -> None:
     model = MODELS[kind]
@@ -188,7 +171,6 @@ def test_equal_sensors_are_one_without_columns(kind: str) -> None:
 def test_rows_follow_each_other() -> None:
     models = [made("active_radar", range_max_m=float(m)) for m in (1000, 2000, 3000)]
     stack: Any = stacked(models)
-    assert stack.range_max_m.tolist() == [1000.0, 2000.0, 3000.0]
     assert stack.range_min_m == models[0].range_min_m  # type: ignore[attr-defined]
     rows = stack.rows(np.array([2, 2, 0, 1]))
     assert rows.range_max_m.tolist() == [3000.0, 3000.0, 1000.0, 2000.0]
@@ -199,31 +181,28 @@ def test_rows_follow_each_other() -> None:
         rows.no_such_key  # noqa: B018
 
 
+@dataclass(frozen=True, kw_only=True)
+class Plain(RangeGate):
+    """A kind that knows nothing of columns: it shares a pass with its equals alone."""
+
+    alike = None
+
+
 def test_what_must_be_equal_tells_groups_apart() -> None:
     changes = ({}, {"n_reference": 8}, {"measures_elevation": True}, {"pfa": 1e-5},
                {"multipath": GROUND}, {"doppler": DOPPLER})  # fmt: skip
     others = [made("active_radar", **keys) for keys in changes]
     mimo: Any = made("mimo_radar")
     others += [mimo, replace(mimo, transmitters=mimo.transmitters[:1])]
-    others += [
-        made("acoustic", elevation_beamwidth_deg=14.0),
-        made("acoustic", elevation_beamwidth_deg=None),
-    ]
+    others += [made("acoustic", elevation_beamwidth_deg=width) for width in (14.0, None)]
     others += [made("rf"), made("rf", integration_s=2e-3)]
     same = made("active_radar", power_w=1.0, azimuth_min_deg=0.0, azimuth_max_deg=10.0)
     assert grouping_key(same) == grouping_key(others[0])
+    one, equal, other = (Plain(range_max_m=1.0, sigma_m=s) for s in (2.0, 2.0, 3.0))
+    assert grouping_key(one) == grouping_key(equal)
+    assert stacked([one, equal]) is one
+    others += [one, other]
     assert len({grouping_key(model) for model in others}) == len(others)
-
-
-def test_a_kind_that_knows_nothing_of_columns_shares_a_pass_with_its_equals_alone() -> None:
-    @dataclass(frozen=True, kw_only=True)
-    class Plain(RangeGate):
-        alike = None
-
-    one, same, other = (Plain(range_max_m=1.0, sigma_m=s) for s in (2.0, 2.0, 3.0))
-    assert grouping_key(one) == grouping_key(same)
-    assert grouping_key(one) != grouping_key(other)
-    assert stacked([one, same]) is one
 
 
 # What is predicted is what observation comes to, of each kind, with and without effects.
@@ -291,21 +270,9 @@ def of_places(
     places_m: Floats, one: Signature = OF_PLACES, velocity: Floats | None = None
 ) -> Targets:
     """A drone at each place, all alike."""
-    n = len(places_m)
-    return Targets(
-        drone=np.arange(n),
-        t_utc_ns=np.zeros(n, np.int64),
-        position_enu_m=places_m,
-        true_position_enu_m=places_m,
-        velocity_enu_m_s=None if velocity is None else np.repeat(velocity, n, axis=0),
-        signatures=signatures_of(one, n),
-    )
-
-
-def signatures_of(one: Signature, n: int) -> Signatures:
-    return Signatures(
-        rcs_m2=np.full(n, one.rcs_m2), sound_power_db=np.full(n, one.sound_power_db),
-        emitters=[one.emitters] * n, size_m=np.full(n, one.size_m),
+    return targets_at(
+        places_m, rcs_m2=one.rcs_m2, sound_power_db=one.sound_power_db, size_m=one.size_m,
+        emitters=[one.emitters] * len(places_m), velocity_enu_m_s=velocity,
     )  # fmt: skip
 
 

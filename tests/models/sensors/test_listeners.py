@@ -82,11 +82,6 @@ def test_bearings_to_a_place_cross_there(
     assert met.other_range_m == pytest.approx(float(other_m), rel=1e-6)
 
 
-def test_bearings_that_meet_behind_do_not_meet() -> None:
-    met = crossing(np.array([-30.0]), np.array([30.0]), (200.0, 0.0, 0.0), ONE, ONE)
-    assert np.isnan(met.range_m)
-
-
 def test_arrays_that_stand_askew_both_read_so_and_hear_as_much() -> None:
     """A drone that flies: each array hears it elsewhere, by the true ground and by its own axes."""
     was_m = np.array([[60.0, 400.0, 50.0]])
@@ -105,12 +100,15 @@ def test_arrays_that_stand_askew_both_read_so_and_hear_as_much() -> None:
 
 
 def test_bearings_a_billionth_of_a_degree_apart_keep_their_digits() -> None:
+    """And those that meet behind do not meet."""
     first_deg, second_deg = 30.0, 30.0 - 1e-9
     met = crossing(np.array([first_deg]), np.array([second_deg]), (1e-9, 0.0, 0.0), ONE, ONE)
     with mp.workdps(40):
         first, second = (mp.radians(mp.mpf(x)) for x in (first_deg, second_deg))
         exact = mp.mpf(1e-9) * mp.cos(second) / mp.sin(first - second)
     assert met.range_m[0] == pytest.approx(float(exact), rel=1e-13)
+    behind = crossing(np.array([-30.0]), np.array([30.0]), (200.0, 0.0, 0.0), ONE, ONE)
+    assert np.isnan(behind.range_m)
 
 
 def test_errors_grow_without_bounds_towards_the_baseline_and_are_refused_there() -> None:
@@ -206,27 +204,23 @@ def test_share_of_an_emission_in_the_band(
     assert looks.snr == pytest.approx(share * whole.observe(there, rng)[0].snr, rel=1e-12)
 
 
-def test_hops_outside_what_is_heard_at_once_are_missed() -> None:
+def test_hops_outside_what_is_heard_at_once_are_missed_and_any_emitter_makes_a_report() -> None:
     hopping = emitting([replace(CONTROL, bandwidth_hz=80e6)], range_m=100.0)
     narrow = replace(FINDER, instantaneous_bandwidth_hz=20e6)
-    twice = replace(narrow, bursts_per_dwell=2, duty_cycle=0.5)
+    now_and_then = replace(FINDER, duty_cycle=0.4)
+    several = emitting([CONTROL, REMOTE_ID], [CONTROL], [], [VIDEO], range_m=300.0)
     for sensor, seen, pd in (
-        (narrow, hopping, 0.25),
-        (twice, hopping, 1 - 0.875**2),
-        (narrow, emitting([CONTROL], range_m=100.0), 1.0),
-        (FINDER, hopping, 1.0),
+        (narrow, hopping, [0.25]),
+        (replace(narrow, bursts_per_dwell=2, duty_cycle=0.5), hopping, [1 - 0.875**2]),
+        (narrow, emitting([CONTROL], range_m=100.0), [1.0]),
+        (FINDER, hopping, [1.0]),
+        (now_and_then, several, [1 - 0.6**2, 0.4, 0.0, 0.0]),
     ):
-        assert sensor.predict(seen).pd == pytest.approx([pd], rel=1e-12)
-
-
-def test_prediction_is_of_a_report_by_any_emitter() -> None:
-    sensor = replace(FINDER, duty_cycle=0.4)
-    there = emitting([CONTROL, REMOTE_ID], [CONTROL], [], [VIDEO], range_m=300.0)
-    predicted = sensor.predict(there)
-    assert predicted.pd == pytest.approx([1 - 0.6**2, 0.4, 0.0, 0.0])
-    table = EmitterTable.of(there.signatures.emitters)
-    emissions = sensor.in_band(table.emissions(there.drone))
-    snr = sensor.mean_snr(emissions, np.full(4, 300.0))
+        assert sensor.predict(seen).pd == pytest.approx(pd, rel=1e-9)
+    predicted = now_and_then.predict(several)
+    table = EmitterTable.of(several.signatures.emitters)
+    emissions = now_and_then.in_band(table.emissions(several.drone))
+    snr = now_and_then.mean_snr(emissions, np.full(4, 300.0))
     assert predicted.snr[:2] == pytest.approx([snr[:2].max(), snr[2]])
     assert np.isnan(predicted.snr[2])
     assert np.isnan(predicted.sigma_azimuth_deg).tolist() == [False, False, True, True]
@@ -235,17 +229,18 @@ def test_prediction_is_of_a_report_by_any_emitter() -> None:
 # The range gate.
 
 
+PLACES = aer_to_enu(np.array([0.0, 123.0, 359.0]), np.array([-5.0, 0.0, 70.0]), 400.0)
+
+
 def test_without_noise_the_truth_is_reported_and_with_it_the_mean_is_told() -> None:
     """Noise across the line of sight makes ranges longer, and elevations lower, on average."""
-    places = aer_to_enu(np.array([0.0, 123.0, 359.0]), np.array([-5.0, 0.0, 70.0]), 400.0)
     gate = RangeGate(range_max_m=1e3, sigma_m=0.0)
-    _, plots = gate.observe(targets_at(places), np.random.default_rng(3))
+    _, plots = gate.observe(targets_at(PLACES), np.random.default_rng(3))
     for name in ("range_m", "azimuth_deg", "elevation_deg"):
         np.testing.assert_allclose(getattr(plots, name), getattr(plots, f"true_{name}"))
     n, at_m = 20_000, aer_to_enu(180.0, 40.0, 100.0)
     gate = RangeGate(range_max_m=1000.0, sigma_m=20.0)
-    many = targets_at(np.broadcast_to(at_m, (n, 3)))
-    _, plots = gate.observe(many, np.random.default_rng(1))
+    _, plots = gate.observe(targets_at(np.broadcast_to(at_m, (n, 3))), np.random.default_rng(1))
     expected = gate.mean_place(*(np.array([x]) for x in enu_to_aer(at_m)))
     assert expected[2][0] == pytest.approx(104.0)
     measured = plots.azimuth_deg, plots.elevation_deg, plots.range_m
@@ -256,8 +251,7 @@ def test_without_noise_the_truth_is_reported_and_with_it_the_mean_is_told() -> N
 
 
 def test_what_a_range_gate_reads_wrongly_does_not_scale_its_noise() -> None:
-    places = aer_to_enu(np.array([0.0, 123.0, 359.0]), np.array([-5.0, 0.0, 70.0]), 400.0)
-    gate, right = RangeGate(range_max_m=1000.0, sigma_m=3.0), targets_at(places)
+    gate, right = RangeGate(range_max_m=1000.0, sigma_m=3.0), targets_at(PLACES)
     wrong = replace(right, readings=Readings(range_scale=0.1, range_offset_m=5.0))
     ranges_m = [
         gate.observe(targets, np.random.default_rng(3))[1].range_m for targets in (right, wrong)
