@@ -31,16 +31,15 @@ REPORT = 'report = ["sapient"]'
 @pytest.fixture
 def not_imported() -> Iterator[None]:
     """What a test imports of it in its place is forgotten again."""
-    held = of_sapient()
+
+    def taken_out() -> dict[str, ModuleType]:
+        names = [name for name in sys.modules if name.partition(".")[0] == "sapient_msg"]
+        return {name: sys.modules.pop(name) for name in names}
+
+    held = taken_out()
     yield
-    of_sapient()
+    taken_out()
     sys.modules |= held
-
-
-def of_sapient() -> dict[str, ModuleType]:
-    """Its modules, which are imported no more."""
-    names = [name for name in sys.modules if name.partition(".")[0] == "sapient_msg"]
-    return {name: sys.modules.pop(name) for name in names}
 
 
 @pytest.fixture
@@ -57,24 +56,25 @@ def test_without_the_extra_a_scene_that_needs_it_is_refused_in_one_line() -> Non
     assert str(caught.value) == "SAPIENT needs sapient-proto: pip install 'plotfeed[sapient]'"
 
 
+INSTALL = "pip install 'plotfeed[sapient]'"
+ONE_ALONE = f"{INSTALL}, without sapient-msg or sapient-py"
+
+
 @pytest.mark.parametrize(
     ("folder", "module", "expected"),
     [
-        ("bsi_flex_335_v1_0", None, "SAPIENT needs sapient-proto, and another package has its "
-         "name: pip install 'plotfeed[sapient]'"),
-        ("bsi_flex_335_v2_0", "raise TypeError('two\\nof them')",
-         "sapient-proto does not load (two of them): pip install 'plotfeed[sapient]', "
-         "without sapient-msg or sapient-py"),
-        ("bsi_flex_335_v2_0", "import nothing_like_it",
-         "sapient-proto does not load (No module named 'nothing_like_it'): "
-         "pip install 'plotfeed[sapient]', without sapient-msg or sapient-py"),
+        ("v1_0", None, f"SAPIENT needs sapient-proto, and another package has its name: {INSTALL}"),
+        ("v2_0", "raise TypeError('two\\nof them')",
+         f"sapient-proto does not load (two of them): {ONE_ALONE}"),
+        ("v2_0", "import nothing_like_it",
+         f"sapient-proto does not load (No module named 'nothing_like_it'): {ONE_ALONE}"),
     ],
 )  # fmt: skip
 @pytest.mark.usefixtures("not_imported")
 def test_what_is_installed_wrongly_is_told_in_one_line(
     folder: str, module: str | None, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    package = tmp_path / "sapient_msg" / folder
+    package = tmp_path / "sapient_msg" / f"bsi_flex_335_{folder}"
     package.mkdir(parents=True)
     for path in (package.parent, package):
         (path / "__init__.py").touch()
@@ -98,20 +98,20 @@ def test_commands_say_it_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "key"),
+    ("key", "wrong"),
     [
-        ({"middleware": "nowhere"}, "sapient.middleware"),
-        ({"location": "here"}, "sapient.location"),
-        ({"default_class_confidence": 1.4}, "sapient.default_class_confidence"),
-        ({"default_class": ""}, "sapient.default_class"),
-        ({"status_interval_s": 0}, "sapient.status_interval_s"),
-        ({"detection_confidence": float("nan")}, "sapient.detection_confidence"),
+        ("middleware", "nowhere"),
+        ("location", "here"),
+        ("default_class_confidence", 1.4),
+        ("default_class", ""),
+        ("status_interval_s", 0),
+        ("detection_confidence", float("nan")),
     ],
 )
-def test_a_wrong_key_is_named(settings: dict[str, object], key: str) -> None:
+def test_a_wrong_key_is_named(key: str, wrong: object) -> None:
     with pytest.raises(SceneError) as caught:
-        scene([radar(report=["sapient"])], seed=1, sapient=settings)
-    assert [found for found, _ in caught.value.problems] == [key]
+        scene([radar(report=["sapient"])], seed=1, sapient={key: wrong})
+    assert [found for found, _ in caught.value.problems] == [f"sapient.{key}"]
 
 
 def test_messages_are_shown_as_a_line_and_as_json() -> None:
@@ -122,23 +122,20 @@ def test_messages_are_shown_as_a_line_and_as_json() -> None:
         (text,) = message_lines("plotfeed/radar/sapient", payload, None, style=Style.JSON)
         message = json.loads(text)["message"]["SapientMessage"]
         assert message["node_id"] == node_id(1, "radar")
-        assert line.split("  ")[:3] == [
-            "plotfeed/radar/sapient",
-            message["timestamp"],
-            message["node_id"][:8],
-        ]
+        stamp = ["plotfeed/radar/sapient", message["timestamp"], message["node_id"][:8]]
+        assert line.split("  ")[:3] == stamp
         shown[line.split("  ")[3]] = line
     assert "  azimuth " in shown["detection_report"]
     assert "  SNR " in shown["detection_report"]
     assert "BSI Flex 335 v2.0" in shown["registration"]
     assert "SYSTEM_GOODBYE" in shown["status_report"]
-
-
-def test_tasks_are_shown_too_and_what_is_no_sapient_as_such() -> None:
     asked = task(ONE, mode_change="standby")
     (line,) = message_lines("plotfeed/radar/sapient/task", asked, None)
     assert ONE in line
     assert '"mode_change": "standby"' in line
+
+
+def test_what_is_no_sapient_is_shown_as_such() -> None:
     for payload in (b"", b"\xff\xff", b"\x12\x01a"):
         (line,) = message_lines("plotfeed/radar/sapient", payload, None)
         assert "not what the topic says" in line
@@ -187,9 +184,7 @@ def test_no_detection_waits_for_longer_than_it_must(schedule: tuple[int, int], t
             assert groups.number(last) == groups.number(sector)
 
 
-def test_a_turn_a_second_in_32_sectors_goes_out_in_threes() -> None:
-    assert Groups(1_000_000_000, 32).size == 3
-    assert Groups(1_000_000_000, 1).size == 1
-    assert Groups(80_000_000, 1).size == 1
-    assert Groups(20_000_000, 1).size == 4
-    assert Groups(560_000_007, 7).size == 2  # rounding might take the last nanosecond of 80 ms
+def test_groups_are_as_large_as_worked_out_by_hand() -> None:
+    """560,000,007 ns in 7: rounding might take the last nanosecond of 80 ms."""
+    given_schedules = (10**9, 32), (10**9, 1), (80 * 10**6, 1), (20 * 10**6, 1), (560_000_007, 7)
+    assert [Groups(*each).size for each in given_schedules] == [3, 1, 1, 4, 2]

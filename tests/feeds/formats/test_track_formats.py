@@ -42,15 +42,15 @@ def told_in(message: Message) -> Iterator[tuple[str, int]]:
         names = [ET.fromstring(octets).attrib["uid"]]  # noqa: S314 - our own
     else:
         found = json.loads(octets)
-        names = {
-            "geojson": lambda: [each["id"] for each in found["features"]],
-            "air-traffic": lambda: [each["icao_address"] for each in found["observations"]],
-            "f3411": lambda: [each["id"] for each in found["flights"]],
-            "foxglove-geojson": lambda: [
-                each["id"] for each in json.loads(found["geojson"])["features"]
-            ],
-            "foxglove-location": lambda: [found["frame_id"]],
-        }[kind]()
+        one_of = {
+            "geojson": lambda: found["features"],
+            "air-traffic": lambda: found["observations"],
+            "f3411": lambda: found["flights"],
+            "foxglove-geojson": lambda: json.loads(found["geojson"])["features"],
+            "foxglove-location": lambda: [found],
+        }[kind]
+        key = {"air-traffic": "icao_address", "foxglove-location": "frame_id"}.get(kind, "id")
+        names = [each[key] for each in one_of()]
     for name in names:
         whose, _, number = name.rpartition("-")
         assert whose == sensor
@@ -68,6 +68,9 @@ def test_all_formats_tell_of_the_same_tracks_and_numbers_are_of_one_sensor(road:
     assert {sensor for sensor, _ in expected} == {"first", "second"}
     assert len({number for _, number in expected}) == len(expected) == 8
     assert all(found == expected for found in tracks.values())
+    for sensor, kind_of_tracks in (("first", pb.PLAIN), ("second", pb.SMOOTHED_TRUTH)):
+        batches = [pb.TrackBatch.FromString(p) for p in road.payloads(f"{sensor}/tracks")]
+        assert {batch.kind for batch in batches} == {kind_of_tracks}
 
 
 @pytest.mark.parametrize("kind", ["plain", "smoothed-truth"])
@@ -115,9 +118,3 @@ def sapient_track() -> bytes:
     message.timestamp.FromNanoseconds(START_NS)
     message.detection_report.report_id = "01HV3Z0000000000000000000A"
     return bytes(message.SerializeToString())
-
-
-def test_kinds_of_tracks_are_told(road: Feed) -> None:
-    for sensor, kind in (("first", pb.PLAIN), ("second", pb.SMOOTHED_TRUTH)):
-        batches = [pb.TrackBatch.FromString(p) for p in road.payloads(f"{sensor}/tracks")]
-        assert {batch.kind for batch in batches} == {kind}

@@ -66,10 +66,29 @@ def plots(n: int = 1, **columns: Any) -> Plots:
     return Plots.of(t_utc_ns=np.full(n, STAMP_NS - 10_000_000), **given_columns)
 
 
-def one(node: Node = NODE, positions: Positions | None = None, **columns: Any) -> Any:
+def detected(node: Node = NODE, positions: Positions | None = None, **columns: Any) -> list[bytes]:
+    return DetectionEncoder(node).messages(T_NS, plots(**columns), positions)
+
+
+def one(node: Node = NODE, **columns: Any) -> Any:
     """The only DetectionReport of one plot."""
-    (payload,) = DetectionEncoder(node).messages(T_NS, plots(**columns), positions)
+    (payload,) = detected(node, **columns)
     return checked(payload).detection_report
+
+
+def places(**columns: Any) -> Positions:
+    """Positions with those columns, and not known in the others."""
+    n = len(next(iter(columns.values())))
+    unknown = {field.name: np.full(n, np.nan) for field in fields(Positions)}
+    return Positions(**unknown | {name: np.array(column) for name, column in columns.items()})
+
+
+def names_in(message: Any) -> set[str]:
+    return {field.name for field, _ in message.ListFields()}
+
+
+BEYOND = places(longitude_deg=[181.0], latitude_deg=[0.0])
+BARE = {"report_id", "object_id", "range_bearing"}
 
 
 @given(st.sets(st.integers(0, MAX_IDS - 1), min_size=2))
@@ -88,21 +107,16 @@ def test_ids_have_the_forms_and_order_that_a_strict_middleware_asks_for(numbers:
     assert len({Ulids(*key)[0] for key in keys}) == 16
 
 
-def test_a_registration_says_all_that_is_mandatory() -> None:
+def test_a_node_says_all_that_is_mandatory_with_longitude_first() -> None:
     told = checked(registration(NODE, T_NS)).registration
     assert told.icd_version == "BSI Flex 335 v2.0"
     mode = told.mode_definition[0]
     assert mode.HasField("settle_time")
     assert mode.task.region_definition.region_type
-    assert (
-        decode(registration(NODE, T_NS))["registration"]["mode_definition"][0]["tracking_type"]
-        == "TRACKING_TYPE_NONE"
-    )
-
-
-def test_a_status_has_longitude_first() -> None:
-    report = checked(status(NODE, T_NS, new=True)).status_report
-    assert (report.node_location.x, report.node_location.y) == (-3.73, 40.45)
+    shown = decode(registration(NODE, T_NS))["registration"]["mode_definition"][0]
+    assert shown["tracking_type"] == "TRACKING_TYPE_NONE"
+    place = checked(status(NODE, T_NS, new=True)).status_report.node_location
+    assert (place.x, place.y) == (-3.73, 40.45)
     assert decode(status(NODE, T_NS))["status_report"]["info"] == "INFO_UNCHANGED"
     goodbye = decode(status(NODE, T_NS, system="GOODBYE", new=True))["status_report"]
     assert (goodbye["system"], goodbye["info"]) == ("SYSTEM_GOODBYE", "INFO_NEW")
@@ -110,13 +124,8 @@ def test_a_status_has_longitude_first() -> None:
 
 def test_a_bearing_alone_is_legal_and_nothing_else_is_made_up() -> None:
     report = one(azimuth_deg=12.5)
-    set_fields = {field.name for field, _ in report.range_bearing.ListFields()}
-    assert set_fields == {"azimuth", "coordinate_system", "datum"}
-    assert {field.name for field, _ in report.ListFields()} == {
-        "report_id",
-        "object_id",
-        "range_bearing",
-    }
+    assert names_in(report) == BARE
+    assert names_in(report.range_bearing) == {"azimuth", "coordinate_system", "datum"}
 
 
 def test_what_was_measured_comes_back() -> None:
@@ -135,17 +144,12 @@ def test_what_was_measured_comes_back() -> None:
     place = report.range_bearing
     assert (place.azimuth, place.elevation, place.range) == (359.9, -1.5, 1234.5)
     assert (place.azimuth_error, place.elevation_error, place.range_error) == (0.5, 0.25, 3.0)
-    assert {info.type: info.value for info in report.object_info} == {
-        "SNR": "20.00",
-        "age": "0.010000",
-    }
+    infos = {info.type: info.value for info in report.object_info}
+    assert infos == {"SNR": "20.00", "age": "0.010000"}
     assert report.detection_confidence == 0.75
     (found,) = report.classification
-    assert (found.type, found.sub_class[0].type, found.sub_class[0].level) == (
-        "Air Vehicle",
-        "quadcopter",
-        1,
-    )
+    (below,) = found.sub_class
+    assert (found.type, below.type, below.level) == ("Air Vehicle", "quadcopter", 1)
     assert report.id == "1596F3"
 
 
@@ -180,9 +184,8 @@ def test_what_has_no_field_is_told_of_by_name_with_its_error(
 
 
 def test_a_signal_has_amplitude_and_frequency() -> None:
-    (signal,) = one(
-        replace(NODE, band_hz=(2.4e9, 2.5e9)), azimuth_deg=1.0, amplitude_dbm=-80.0
-    ).signal
+    node = replace(NODE, band_hz=(2.4e9, 2.5e9))
+    (signal,) = one(node, azimuth_deg=1.0, amplitude_dbm=-80.0).signal
     assert signal.amplitude == -80.0
     assert signal.centre_frequency == pytest.approx(2.45e9, rel=1e-7)
 
@@ -190,43 +193,24 @@ def test_a_signal_has_amplitude_and_frequency() -> None:
 def test_nothing_of_a_plot_is_left_for_the_next() -> None:
     """One message is filled in again and again: whatever was in it must be gone."""
     full: dict[str, Any] = {
-        "azimuth_deg": 10.0,
-        "elevation_deg": 5.0,
-        "range_m": 100.0,
-        "sigma_range_m": 1.0,
-        "snr": 10.0,
-        "bistatic_range_m": 7.0,
-        "sigma_bistatic_range_m": 2.0,
-        "range_rate_m_s": 3.0,
-        "sigma_range_rate_m_s": 1.0,
-        "amplitude_dbm": -50.0,
-        "kind": "a",
+        "azimuth_deg": 10.0, "elevation_deg": 5.0, "range_m": 100.0, "sigma_range_m": 1.0,
+        "snr": 10.0, "bistatic_range_m": 7.0, "sigma_bistatic_range_m": 2.0, "kind": "a",
+        "range_rate_m_s": 3.0, "sigma_range_rate_m_s": 1.0, "amplitude_dbm": -50.0,
         "identity": "b",
-    }
-    node = replace(NODE, band_hz=(1e9, 2e9))
+    }  # fmt: skip
     mixed = Plots.joined([plots(**full), plots(azimuth_deg=20.0), plots(**full)])
-    positions = Positions(
-        longitude_deg=np.array([1.0, np.nan, np.nan]),
-        latitude_deg=np.array([2.0, np.nan, np.nan]),
-        height_m=np.array([np.nan, np.nan, 3.0]),
-        sigma_longitude_deg=np.full(3, np.nan),
-        sigma_latitude_deg=np.full(3, np.nan),
-        sigma_height_m=np.full(3, np.nan),
+    known_once = places(
+        longitude_deg=[1.0, np.nan, np.nan],
+        latitude_deg=[2.0, np.nan, np.nan],
+        height_m=[np.nan, np.nan, 3.0],
     )
-    encoder = DetectionEncoder(node)
+    encoder = DetectionEncoder(replace(NODE, band_hz=(1e9, 2e9)))
     for _ in range(2):
-        reports = [checked(p).detection_report for p in encoder.messages(T_NS, mixed, positions)]
-        assert [r.WhichOneof("location_oneof") for r in reports] == [
-            "location",
-            "range_bearing",
-            "range_bearing",
-        ]
+        reports = [checked(p).detection_report for p in encoder.messages(T_NS, mixed, known_once)]
+        kinds = [r.WhichOneof("location_oneof") for r in reports]
+        assert kinds == ["location", "range_bearing", "range_bearing"]
         assert not reports[0].location.HasField("z")
-        assert {f.name for f, _ in reports[1].ListFields()} == {
-            "report_id",
-            "object_id",
-            "range_bearing",
-        }
+        assert names_in(reports[1]) == BARE
         assert not reports[1].range_bearing.HasField("range")
         assert [len(r.object_info) for r in reports] == [3, 0, 3]
         assert reports[2].range_bearing.range == 100.0
@@ -238,15 +222,6 @@ def test_every_detection_has_an_object_of_its_own_and_the_time_of_all() -> None:
     ids = {x for m in found for x in (m.detection_report.report_id, m.detection_report.object_id)}
     assert len(ids) == 1000
     assert {m.timestamp.ToNanoseconds() for m in found} == {STAMP_NS}
-
-
-def detected(node: Node = NODE, positions: Positions | None = None, **columns: Any) -> Any:
-    return DetectionEncoder(node).messages(T_NS, plots(**columns), positions)
-
-
-def at(longitude_deg: float) -> Positions:
-    zeros = dict.fromkeys((field.name for field in fields(Positions)), np.zeros(1))
-    return Positions(**zeros | {"longitude_deg": np.array([longitude_deg])})
 
 
 @pytest.mark.parametrize(
@@ -278,7 +253,7 @@ def at(longitude_deg: float) -> Positions:
             ({"height_m": np.inf}, "height"),
             ({"field": replace(NODE.field, azimuth_deg=999.0)}, "azimuth"),
         )),
-        (lambda: detected(positions=at(181.0), azimuth_deg=1.0), "x"),
+        (lambda: detected(positions=BEYOND, azimuth_deg=1.0), "x"),
         (lambda: registration(replace(NODE, capabilities=()), T_NS), "capabilities"),
         (lambda: registration(replace(NODE, sensor=""), T_NS), "name"),
         *((lambda t=t: registration(NODE, t), "timestamp") for t in (-1, 2**63)),

@@ -70,16 +70,9 @@ def test_displays_of_small_views_have_flights_with_their_paths() -> None:
     assert SMALL.diagonal_m < MAX_DETAILED_DIAGONAL_M
     place = {"lng": -3.735, "alt": 700.0}
     before, latest = {"lat": 40.441, **place}, {"lat": 40.442, **place}
-    assert found.display_data(SMALL, NOW) == {
-        "flights": [
-            {
-                "id": "a",
-                "most_recent_position": latest,
-                "recent_paths": [{"positions": [before, latest]}],
-            }
-        ],
-        "clusters": [],
-    }
+    path = [{"positions": [before, latest]}]
+    told = {"id": "a", "most_recent_position": latest, "recent_paths": path}
+    assert found.display_data(SMALL, NOW) == {"flights": [told], "clusters": []}
 
 
 corner = st.tuples(st.floats(-80, 80), st.floats(-170, 170))

@@ -24,7 +24,6 @@ from plotfeed.proto.tracks.encode_tracks import (
     UNKNOWN,
     LiveFeatures,
     ToldTracks,
-    TrackOrigin,
     air_traffic,
     cot_events,
     f3411_flights,
@@ -184,7 +183,6 @@ def test_a_map_shows_all_tracks_that_live_whichever_sector_they_were_seen_in() -
 
 # Before, milliseconds have too few digits to be told from seconds.
 FROM_NS, UNTIL_NS = utc_ns("2001-09-10T00:00:00Z"), utc_ns("2200-01-01T00:00:00Z")
-PLACES = {"pole": (90.0, 0.0), "south": (-90.0, 180.0), "date line": (0.0, -180.0)}
 
 
 @settings(max_examples=30)
@@ -211,16 +209,6 @@ def test_what_is_posted_is_taken_and_means_what_was_measured(
         assert kept["altitude_is_measured"] == (not np.isnan(tracks.height_m[i]))
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_places_at_the_edges_of_the_earth_are_taken(place: str) -> None:
-    tracks = told_tracks(1, np.random.default_rng(6))
-    latitude, longitude = (np.array([value]) for value in PLACES[place])
-    (found,) = judged(
-        air_traffic(tracks.but(latitude_deg=latitude, longitude_deg=longitude), RADAR)
-    )
-    assert (found.lat_dd, found.lon_dd) == PLACES[place]
-
-
 def test_our_own_schema_promises_no_less_than_it_demands() -> None:
     ours: Any = JSON_SCHEMAS["plotfeed.AirTraffic"]["properties"]["observations"]["items"]
     theirs = BlenderObservation.model_json_schema()
@@ -234,14 +222,15 @@ def test_our_own_schema_promises_no_less_than_it_demands() -> None:
                 assert promised[bound] == demanded[bound], key
 
 
-def test_keys_of_sensors_whose_names_are_long_and_begin_alike_differ() -> None:
-    tracks = told_tracks(1, np.random.default_rng(2))
+def test_places_at_the_edges_of_the_earth_are_taken_and_long_names_stay_apart() -> None:
     keys = set()
-    for end in "ab":
-        origin = TrackOrigin(sensor="r" * 63 + end, kind="plain", stale_after_s=1.0)
-        (each,) = json.loads(air_traffic(tracks, origin))["observations"]
-        keys.add(each["icao_address"])
-    assert len(keys) == 2
+    for end, place in (("a", (90.0, 0.0)), ("b", (-90.0, 180.0)), ("c", (0.0, -180.0))):
+        columns = zip(("latitude_deg", "longitude_deg"), np.array([place]).T, strict=True)
+        tracks = told_tracks(1, np.random.default_rng(2)).but(**dict(columns))
+        (found,) = judged(air_traffic(tracks, replace(RADAR, sensor="r" * 63 + end)))
+        assert (found.lat_dd, found.lon_dd) == place
+        keys.add(found.icao_address)
+    assert len(keys) == 3
 
 
 @settings(max_examples=30)
@@ -262,7 +251,6 @@ def test_f3411_says_what_is_not_known_in_its_words_and_bounds_errors(tracks: Tol
 
 
 # Messages of tracks as takproto, InterUSS's uas-standards and foxglove-sdk read them.
-
 
 ROOT = Path(__file__).parents[3]
 PYTHON = ROOT / ".venv-utm" / "bin" / "python"
@@ -319,14 +307,15 @@ def test_interuss_parses_what_a_service_of_remote_id_answers() -> None:
     flights = KnownFlights()
     flights.take(json.loads(f3411_flights(TRACKS, RADAR))["flights"])
     latitude, longitude = TRACKS.latitude_deg[0], TRACKS.longitude_deg[0]
-    for size in (0.001, 0.02):
+    one = f"radar-{TRACKS.track[0]}"
+    for size, shown in (
+        (0.001, {"flights": [one], "clusters": []}),
+        (0.02, {"flights": [], "clusters": [1]}),
+    ):
         corners = (latitude - size, longitude - size, latitude + size, longitude + size)
         area = DisplayArea.parse(",".join(map(str, corners)))
         provider = flights.flights(area, T_NS, recent_s=60.0)
         (found,) = read("f3411", [json.dumps(provider).encode()])
-        assert found["ids"] == [f"radar-{TRACKS.track[0]}"]
-        (found,) = read("display-data", [json.dumps(flights.display_data(area, T_NS)).encode()])
-        if size == 0.001:
-            assert found == {"flights": [f"radar-{TRACKS.track[0]}"], "clusters": []}
-        else:
-            assert found == {"flights": [], "clusters": [1]}
+        assert found["ids"] == [one]
+        display = flights.display_data(area, T_NS)
+        assert read("display-data", [json.dumps(display).encode()]) == [shown]
