@@ -16,11 +16,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import every_kind
-from support.scene_files import scene_text
+from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.scene.examples import MAX_LISTED, MAX_WORDS, head_of
+from plotfeed.feeds.scene.problems import key_lines
 from plotfeed.feeds.scene.scene import (
     MAX_SCENE_OCTETS,
     General,
@@ -30,11 +31,22 @@ from plotfeed.feeds.scene.scene import (
     load,
     parsed,
 )
+from plotfeed.feeds.schema import text_of
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS
 
 Schema: TypeAlias = jsonschema.Draft202012Validator
+
+
+@pytest.fixture(scope="module")
+def schema() -> Schema:
+    """That of scenes, which takes seconds to make."""
+    tree = json.loads(text_of("scene"))
+    Schema.check_schema(tree)
+    return Schema(tree)
+
+
 TEXT = scene_text(start_utc="2026-01-01T12:00:00Z", port=1883)
 
 
@@ -194,15 +206,14 @@ json_like = st.recursive(
 )
 
 
-def leaves(tree: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(tree, dict):
-        for name, below in tree.items():
-            yield from leaves(below, f"{key}.{name}".lstrip("."))
-    elif isinstance(tree, list):
-        for n, below in enumerate(tree):
-            yield from leaves(below, f"{key}[{n}]")
-    else:
-        yield key, tree
+def walked(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key and every member of a list, by its path in the words of problems."""
+    members = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    for key, below in members:
+        here = f"{path}.{key}".lstrip(".") if isinstance(tree, dict) else f"{path}[{key}]"
+        yield here, below
+        if isinstance(below, dict | list):
+            yield from walked(below, here)
 
 
 # Every key of a scene of one radar, what it leaves out among them.
@@ -213,7 +224,7 @@ EVERY_NUMBER = json.loads(
 )
 EVERY_NUMBER["scene"] |= {"start_utc": TREE["scene"]["start_utc"], "duration_s": 0.2}
 EVERY_NUMBER["sensor"][0] |= {"gain_rx_dbi": 30.0, **dict.fromkeys(FLOORS, 0.0)}
-LEAVES = list(leaves(EVERY_NUMBER))
+LEAVES = [(k, v) for k, v in walked(EVERY_NUMBER) if not isinstance(v, dict | list)]
 NUMBERS = [(k, v) for k, v in LEAVES if isinstance(v, int | float) and not isinstance(v, bool)]
 
 
@@ -339,3 +350,107 @@ def test_the_head_says_what_there_is_to_see_and_is_cut() -> None:
         assert head_of(text) == ("", ())
     words, look_for = head_of("# " + "x" * 1000 + "\n#\n# What to look for\n" + "# - y\n" * 100)
     assert (len(words), len(look_for)) == (MAX_WORDS, MAX_LISTED)
+
+
+# Problems name the line of the file and the sensor or drone by its id.
+
+ROOT = Path(__file__).parents[3]
+WRITTEN = sorted(
+    path for room in ("feeds", "tests", "docs") for path in (ROOT / room).rglob("*.toml")
+)
+TWO_RADARS = scene_text(sensors=radar("west") + radar("east"), port=1883)
+TRAPS = '''
+a = 1                                   # [[b]] is a comment
+"quoted key" = "[b]\\" # no comment"
+'literal.key' = 'b = "'
+long = """
+[not-a-table]
+x = 1 \\"""
+""""
+raw = \'\'\'
+[[nor.this]]
+\'\'\'
+dotted.x . "y z" = { in = [1, { deep = 2 }], out = [] }
+list = [
+    # a comment, [ and ] in it
+    [1, 2],
+    { from = "]", to = """
+}""" },
+    1979-05-27T07:32:00Z,
+]
+[[sensor]]
+id = "a"
+[sensor.scan]
+period_s = 1
+[[sensor.event]]
+set = { pfa = 1e-5 }
+[[sensor.event]]
+set.pfa = 2
+[[sensor]]
+[[sensor.event]]
+last = true
+'''
+
+
+@pytest.mark.parametrize(
+    "written", [TWO_RADARS, TRAPS, *WRITTEN], ids=["text", "traps", *map(str, WRITTEN)]
+)
+def test_every_key_is_found_in_a_line_that_has_it(written: str | Path) -> None:
+    text = written if isinstance(written, str) else written.read_text()
+    found, lines = key_lines(text), text.split("\n")
+    for path, _ in walked(tomllib.loads(text)):
+        key = path.rpartition(".")[2]
+        if key.endswith("]"):
+            continue  # a member of a list, which stands by itself or behind others
+        if path in found:
+            assert key in lines[found[path] - 1], path
+        else:
+            assert any(other.startswith(f"{path}[0]") for other in found), path
+
+
+def test_traps_have_the_lines_that_they_have() -> None:
+    found, lines = key_lines(TRAPS), TRAPS.split("\n")
+    for key, line in {
+        "raw": "raw = '''",
+        "list[0]": "    [1, 2],",
+        "list[1].to": '    { from = "]", to = """',
+        "list[2]": "    1979-05-27T07:32:00Z,",
+        "sensor[0].event[1].set.pfa": "set.pfa = 2",
+        "sensor[1].event[0].last": "last = true",
+    }.items():
+        assert lines[found[key] - 1] == line
+    assert not {"b", "not-a-table", "nor"} & {key.partition(".")[0] for key in found}
+
+
+@given(st.text(alphabet="ab=[]{}.,'\"\\#\n 1", max_size=40))
+def test_a_text_that_is_not_toml_has_an_end(text: str) -> None:
+    key_lines(text)
+    assert key_lines("a = " + "[" * 20_000) == {}  # too deep
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "line", "told"),
+    [
+        ("power_w =", "powr_w =", "powr_w = 500.0", "sensor[1].powr_w of 'east': no such key"),
+        ("power_w = 500.0\n", "", "[[sensor]]", "sensor[1].power_w of 'east': missing"),
+        ("period_s = 0.5\n", "", "[sensor.scan]", "sensor[1].scan.period_s of 'east': missing"),
+        ('id = "east"', 'id = "west"', 'id = "west"', "sensor[1].id: the id 'west' is used twice"),
+        ("id = ", "sic = 1000\nid = ", "sic = 1000", "sensor[1].sic of 'east': input should be"),
+    ],
+)
+def test_a_problem_names_the_line_and_the_sensor(
+    right: str, wrong: str, line: str, told: str, tmp_path: Path
+) -> None:
+    begin, second, rest = TWO_RADARS.rpartition("[[sensor]]")
+    assert right in rest
+    text = begin + second + rest.replace(right, wrong)
+    at = text.count("\n", 0, text.index(line, len(begin))) + 1
+    with pytest.raises(SceneError) as caught:
+        load(scene_file(tmp_path, text))
+    assert f"line {at}: {told}" in str(caught.value)
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    path = scene_file(tmp_path, "")
+    path.write_bytes(b"\xef\xbb\xbf" + TWO_RADARS.encode())
+    assert load(path).text == TWO_RADARS

@@ -17,7 +17,7 @@ from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.examples import MAX_WORDS, head_of, summaries
 from plotfeed.feeds.scene.scene import example
-from plotfeed.models.state import FALSE_ALARM, Floats
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.utc import NS
@@ -36,6 +36,11 @@ def after_s(sensor: SimulatedSensor) -> Floats:
     """When each look was, from the start."""
     times: Floats = (sensor.looks.t_utc_ns - START_NS) / NS
     return times
+
+
+def turned_deg(sensor: SimulatedSensor, looks: Bools) -> float:
+    """Between how far apart those looks were."""
+    return float(np.ptp((sensor.looks.azimuth_deg[looks] + 180.0) % 360.0))
 
 
 @pytest.mark.parametrize("name", summaries())
@@ -66,9 +71,8 @@ def test_all_are_listed_with_their_files_and_none_besides() -> None:
     assert all(name in lines and about in lines for name, about in summaries().items())
     refused = plotfeed_here("demo", "nowhere", "--broker", "none")
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr.startswith(
-        "plotfeed: no shipped scene 'nowhere': expected one of field-day"
-    )
+    expected = "plotfeed: no shipped scene 'nowhere': expected one of field-day"
+    assert refused.stderr.startswith(expected)
 
 
 def test_the_field_day_has_work_for_every_sensor_and_trouble_for_its_tracker() -> None:
@@ -102,10 +106,7 @@ def test_a_stadium_swarm_is_fewer_plots_than_drones_and_all_of_its_emitters() ->
         identities = set(rf.identity.tolist()) - {""}
         assert {"broadcaster", *(f"swarm-{n}" for n in range(1, 17))} >= identities
         assert np.median(np.bincount(rf.scan - rf.scan.min())) == 17
-
-
-def test_the_stadium_s_camera_sees_those_in_its_picture_alone() -> None:
-    camera = seen("stadium", 110.0)["roof-camera"]
+    camera = found["roof-camera"]  # sees those in its picture alone
     assert after_s(camera).min() > 60.0  # they come from further out than it sees
     assert len(np.unique(camera.looks.drone[camera.looks.detected])) >= 5
 
@@ -133,27 +134,22 @@ def test_the_valley_s_radars_hand_the_drone_over() -> None:
     assert ridge.looks.pd.min() > 0.9
 
 
-def test_the_city_s_direction_finders_lose_who_sinks_into_a_street() -> None:
+def test_the_city_s_direction_finders_lose_who_sinks_into_a_street_and_its_cameras_turn() -> None:
     found = seen("city", 60.0)
     for name in ("rf-south", "rf-west"):
         rf = found[name]
         assert rf.looks.pd[after_s(rf) < 2.5].max() < 0.2
         assert rf.looks.pd[(after_s(rf) > 6.0) & (after_s(rf) < 50.0)].min() > 0.9
         assert set(rf.plots.identity.tolist()) <= {"courier", ""}
-    camera, courier = found["camera"].looks, found.drones.index("courier")
-    seen_at_s = ((camera.t_utc_ns - START_NS) / NS)[camera.detected & (camera.drone == courier)]
-    assert len(np.unique(seen_at_s.astype(int))) >= 10
-    azimuth_deg = found["camera"].looks.azimuth_deg[camera.drone == courier]
-    assert np.ptp((azimuth_deg + 180.0) % 360.0) > 15.0  # far beyond one picture: it was turned
-
-
-def test_the_city_s_turret_turns_to_what_is_heard() -> None:
-    found = seen("city", 60.0)
-    turret, courier = found["turret"], found.drones.index("courier")
-    its = turret.looks.drone == courier
-    assert after_s(turret)[its].min() > 2.0  # it was in the street, and then it took the way there
-    assert turret.looks.detected[its].sum() > 100
-    assert np.ptp((turret.looks.azimuth_deg[its] + 180.0) % 360.0) > 5.0
+    courier = found.drones.index("courier")
+    camera, turret = found["camera"], found["turret"]
+    at_it = camera.looks.drone == courier
+    assert len(np.unique(after_s(camera)[at_it & camera.looks.detected].astype(int))) >= 10
+    assert turned_deg(camera, at_it) > 15.0  # far beyond one picture: it was turned
+    at_it = turret.looks.drone == courier
+    assert after_s(turret)[at_it].min() > 2.0  # it was in the street, and then took the way there
+    assert turret.looks.detected[at_it].sum() > 100
+    assert turned_deg(turret, at_it) > 5.0
     assert "Phantom 4" in turret.plots.kind[turret.plots.drone == courier].tolist()
 
 
@@ -175,8 +171,7 @@ def test_the_coast_s_broadcasts_place_a_drone_finely_and_coarsely() -> None:
         passive.sigma_bistatic_range_m[of_drones & (passive.channel == channel)]
         for channel in (0, 1)
     )
-    assert len(fine) > 60
-    assert len(coarse) > 60
+    assert min(len(fine), len(coarse)) > 60
     assert np.median(fine) < 15.0
     assert np.median(coarse) > 150.0
     far, near = (found.drones.index(name) for name in ("from-the-boat", "along-the-beach"))

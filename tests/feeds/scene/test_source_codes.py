@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -9,7 +10,6 @@ from hypothesis import strategies as st
 from plotfeed.feeds.scene.scene import SceneError, numbered
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.models.tracks import MAX_TRACKS
-from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.testing import fly, held, radar, rotating, scene
 
 CODES = st.none() | st.integers(0, 3)
@@ -19,14 +19,19 @@ def sensors(*stated: dict[str, Any]) -> list[dict[str, Any]]:
     return [radar(id=f"r{i}", **keys) for i, keys in enumerate(stated)]
 
 
-def tables(*stated: dict[str, Any]) -> list[Sensor]:
-    """Sensors that say no more than that, before a scene numbers them."""
-    one = sensor_of(radar())
-    return [one.model_copy(update={"id": f"r{i}", **keys}) for i, keys in enumerate(stated)]
+def codes_of(found: Iterable[Any]) -> list[tuple[int, int]]:
+    return [(s.sac, s.sic) for s in found]
 
 
 def codes(*stated: dict[str, Any]) -> list[tuple[int, int]]:
-    return [(s.sac, s.sic) for s in scene(sensors(*stated), seed=1).sensor]
+    """In a scene of sensors that say no more than that."""
+    return codes_of(scene(sensors(*stated), seed=1).sensor)
+
+
+def tables(*stated: dict[str, Any]) -> list[Sensor]:
+    """The same before a scene numbers them."""
+    one = sensor_of(radar())
+    return [one.model_copy(update={"id": f"r{i}", **keys}) for i, keys in enumerate(stated)]
 
 
 @pytest.mark.parametrize(
@@ -48,7 +53,7 @@ def test_sensors_without_a_sic_are_numbered_in_their_order(
 
 
 def test_who_finds_no_room_in_an_area_goes_to_the_next() -> None:
-    found = [(s.sac, s.sic) for s in numbered(tables(*[{}] * 600))]
+    found = codes_of(numbered(tables(*[{}] * 600)))
     assert len(set(found)) == 600
     assert found[:255] == [(0, n) for n in range(1, 256)]
     assert found[255] == (1, 1)
@@ -70,7 +75,7 @@ def test_no_number_is_given_that_somebody_has(stated: list[tuple[int | None, int
     ]
     found = numbered(tables(*keys))
     assert numbered(found) == found
-    given_to = [(s.sac, s.sic) for s, old in zip(found, keys, strict=True) if "sic" not in old]
+    given_to = codes_of(s for s, old in zip(found, keys, strict=True) if "sic" not in old)
     kept = {(old.get("sac", 0), old["sic"]) for old in keys if "sic" in old}
     assert len(set(given_to)) == len(given_to)
     assert not set(given_to) & kept
@@ -105,17 +110,13 @@ def test_who_reports_tracks_in_a_format_of_no_source_has_a_share_of_their_number
 
 
 def test_their_records_bear_their_numbers() -> None:
-    both = [
-        radar(id="one", scan=rotating()),
-        radar(id="two"),
-        radar(id="three", report=["asterix-062"]),
-    ]
+    both = radar(id="one", scan=rotating()), radar(id="two", report=["asterix-062"])
     flown = fly(scene(both, [held("d", 30.0, 5.0, 2000.0)], seed=4), 11.0)
-    topics = {"one": (34, 48), "two": (48,), "three": (62, 63)}
-    for number, (sensor, categories) in enumerate(topics.items(), 1):
-        for category in categories:
-            records = [
-                r for p in flown.payloads(f"{sensor}/asterix/{category:03d}") for r in decode(p)
-            ]
-            assert records
-            assert {r.get(f"I{category:03d}/010/SIC") for r in records} == {number}
+    for number, sensor, category in (
+        (1, "one", 34),
+        (1, "one", 48),
+        (2, "two", 62),
+        (2, "two", 63),
+    ):
+        records = flown.records(sensor, category)
+        assert {r.get(f"I{category:03d}/010/SIC") for r in records} == {number}

@@ -1,4 +1,4 @@
-"""Error floors of sensors whose scene states none, and warnings of what no sensor reaches."""
+"""Error floors and broadcasts whose values a scene does not state; warnings of what none has."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
+from plotfeed.feeds.scene.scene import Scene, SceneError
+from plotfeed.feeds.scene.sensors.illuminator_keys import OF_A_KIND, broadcasts
 from plotfeed.models.propagation import C_M_S
 from plotfeed.testing import radar, scene, waypoint
 
@@ -31,6 +33,42 @@ PASSIVE = every_kind.PASSIVE | {
 }  # fmt: skip
 RF = {k: v for k, v in every_kind.RF.items() if "floor" not in k}
 FLOORS = ("range_floor_m", "azimuth_floor_deg", "elevation_floor_deg")
+
+
+def illuminated(*transmitters: dict[str, Any]) -> Scene:
+    place = {"place": waypoint(90.0, 0.2, 20_000.0)}
+    return scene([PASSIVE | {"transmitters": [place | each for each in transmitters]}], seed=1)
+
+
+@pytest.mark.parametrize("kind", broadcasts())
+def test_a_kind_of_broadcast_gives_what_the_scene_does_not(kind: str) -> None:
+    (found,) = illuminated({"id": "a", "preset": kind}).sensor[0].illuminators
+    told = broadcasts()[kind]
+    for key in OF_A_KIND:
+        assert getattr(found, key) == told[key]["value"]
+        assert told[key]["note"]  # why it is that
+    (other,) = illuminated({"id": "a", "preset": kind, "erp_w": 77.0}).sensor[0].illuminators
+    assert (other.erp_w, other.frequency_hz) == (77.0, found.frequency_hz)
+
+
+def test_cells_of_range_are_those_of_the_broadcasts_bandwidth() -> None:
+    """The broadcast of the paper's 189 MHz is resolved to 195 m, television to 39 m."""
+    made = illuminated(*({"id": kind, "preset": kind} for kind in broadcasts()))
+    model: Any = made.sensor[0].model(made.scene.site)
+    cells_m = dict(zip(broadcasts(), model.range_resolution_m, strict=True))
+    assert cells_m["dab"] == pytest.approx(195.2, abs=0.1)
+    assert cells_m["dvb-t"] == pytest.approx(39.4, abs=0.1)
+    assert cells_m["gsm"] == pytest.approx(C_M_S / 200e3)
+    assert np.rint(C_M_S / model.wavelengths_m[0] / 1e6) == 189
+
+
+def test_a_kind_that_nobody_has_is_told_with_those_that_there_are() -> None:
+    own = {"erp_w": 1.0, "frequency_hz": 1e6, "bandwidth_hz": 1e4}
+    with pytest.raises(SceneError) as caught:
+        illuminated({"id": "a", "preset": "am"} | own)
+    ((key, text),) = caught.value.problems
+    assert key == "sensor[0].transmitters[0].preset"
+    assert "'dab', 'dvb-t', 'fm' or 'gsm'" in text
 
 
 def model_of(sensor: dict[str, Any]) -> Any:
@@ -97,24 +135,27 @@ def test_a_floor_that_is_no_sensors_is_told(
     assert warnings(sensor) == []
     (text,) = warnings(sensor | keys)
     assert re.match(told, text), text
+    if "elevation_floor_deg" in keys and sensor is RADAR:
+        assert warnings(sensor | keys | {"measures_elevation": False}) == []
 
 
-def test_nothing_is_told_of_elevations_that_are_not_measured() -> None:
-    assert not warnings(RADAR | {"elevation_floor_deg": 0.0, "measures_elevation": False})
+LOW = {"transmitters": [PASSIVE["transmitters"][0] | {"frequency_hz": 200.0}]}  # type: ignore[index]
 
 
 @pytest.mark.parametrize(
-    ("sensor", "key", "value"),
-    [(RADAR, "frequency_hz", 10.0), (MIMO, "frequency_hz", 1e12), (RF, "frequency_min_hz", 2.4e3)],
+    ("sensor", "keys", "told"),
+    [
+        (RADAR, {"frequency_hz": 10.0}, "frequency_hz is 10"),
+        (MIMO, {"frequency_hz": 1e12}, "frequency_hz is 1e+12"),
+        (RF, {"frequency_min_hz": 2.4e3}, "frequency_min_hz is 2400"),
+        (PASSIVE, LOW, "frequency_hz of dab is 200"),
+    ],
 )
-def test_a_carrier_in_another_unit_is_told(sensor: dict[str, Any], key: str, value: float) -> None:
-    found = warnings(sensor | {key: value})
-    assert f"{key} is {value:g}: such sensors work from 3e+06 to 3e+11 Hz" in found[0]
-
-
-def test_a_transmitter_in_another_unit_is_told() -> None:
-    one = PASSIVE["transmitters"][0] | {"frequency_hz": 200.0}  # type: ignore[index]
-    assert "frequency_hz of dab is 200" in warnings(PASSIVE | {"transmitters": [one]})[0]
+def test_a_carrier_in_another_unit_is_told(
+    sensor: dict[str, Any], keys: dict[str, Any], told: str
+) -> None:
+    text = warnings(sensor | keys)[0]
+    assert f"{told}: such sensors work from 3e+06 to 3e+11 Hz" in text
 
 
 def test_a_signal_that_no_receiver_has_is_told(tmp_path: Path) -> None:
