@@ -1,4 +1,4 @@
-"""Independent readers read what we read: asterix-decoder recordings, libasterix any records."""
+"""libasterix reads what we read: recordings, and any records of every category."""
 
 from __future__ import annotations
 
@@ -6,25 +6,15 @@ from collections.abc import Iterator
 from random import Random
 from typing import Any
 
-import pytest
 from asterix import base  # type: ignore[import-not-found]
 from support.asterix_input import slots_octets
-from support.asterix_readers import items_of, read_blocks, values_of
 from support.given_recordings import recorded_payloads
 
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
-from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import FURTHER, Block, Record, Value, decode, records_in
+from plotfeed.proto.asterix.codec.decode import FURTHER, Block, Record, Value, blocks, records_in
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import standard, tables
-
-# Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
-REGISTERS = "I048/250"
-# asterix-decoder reads these in another way: a register without its number, levels in feet, and a
-# field that users agree on.
-OTHERWISE = {"I048/260", "I062/135", "I062/136", "I062/SP"}
-AS_DECODER = CATEGORIES | {62: CAT062_1_18}
 
 
 def values(value: Value) -> Iterator[Any]:
@@ -37,36 +27,6 @@ def values(value: Value) -> Iterator[Any]:
         return
     for member in members:
         yield from values(member)
-
-
-def agree_with_decoder(records: list[Record], theirs: list[dict[str, Any]]) -> int:
-    """Both have the same items in the same records, with the same values; how many values."""
-    assert len(records) == len(theirs)
-    compared = 0
-    for record, other in zip(records, theirs, strict=True):
-        items = items_of(other)
-        assert record.category == other["category"]
-        assert set(record.items) == set(items) != set()
-        for name in set(items) - OTHERWISE:
-            mine, its = list(values(record.items[name])), values_of(items[name])
-            if name == REGISTERS:
-                mine = [f"{one:X}{two:X}" for one, two in zip(mine[1::3], mine[2::3], strict=True)]
-                its = [register["BDS"]["val"] for register in items[name]]
-            if name == "I048/240":  # it shows a character that does not exist as a blank
-                mine = [text.replace("?", " ") for text in mine]
-            near = [
-                pytest.approx(v, rel=1e-6, abs=1e-9) if isinstance(v, float) else v for v in its
-            ]
-            assert mine == near, name
-            compared += len(mine)
-    return compared
-
-
-def test_asterix_decoder_reads_the_same_in_recordings() -> None:
-    payloads = recorded_payloads()
-    records = [record for each in payloads for record in decode(each, AS_DECODER)]
-    theirs = [record for each in read_blocks(payloads) for record in each]
-    assert agree_with_decoder(records, theirs) > 4000
 
 
 def leaves(variation: Any) -> Iterator[Any]:
@@ -208,3 +168,13 @@ def test_libasterix_reads_random_records_of_every_category_as_we_do() -> None:
                 assert_cut_alike(number, body, theirs)
             seen |= record.items.keys()
         assert seen == {item.name for item in uap if item}
+
+
+def test_libasterix_reads_the_same_in_recordings() -> None:
+    count = 0
+    for block in (block for payload in recorded_payloads() for block in blocks(payload)):
+        read = newest(block.category).cv_uap.parse(base.Bits.from_bytes(block.body))
+        assert not isinstance(read, ValueError), read
+        for mine, theirs in zip(records_in(block), read, strict=True):
+            count += agree_with_libasterix(mine, theirs)
+    assert count > 4000
