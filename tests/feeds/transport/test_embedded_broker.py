@@ -7,14 +7,14 @@ import os
 import signal
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
 from paho.mqtt.client import CallbackAPIVersion, Client, MQTTMessage
-from support.brokers import deaf_server, free_port, is_listening, port_is_taken, wait_until_silent
+from support.brokers import deaf_server, free_port, port_is_taken, wait_until_silent
 from support.command import plotfeed_here, running
 from support.scene_files import FOR_BROWSERS, ORIGIN, radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
@@ -197,8 +197,15 @@ def test_a_broker_that_dies_is_started_anew(tmp_path: Path) -> None:
             for pid in _children(session.process.pid):
                 os.kill(pid, signal.SIGKILL)
             client.wait_until_cut_off()
-        wait_until(lambda: is_listening(port))
-        with MqttReceiver(port, 5, "plotfeed/#") as again:
+        found: list[MqttReceiver] = []
+
+        def is_back() -> bool:
+            with suppress(OSError, AssertionError):
+                found.append(MqttReceiver(port, 5, "plotfeed/#"))
+            return bool(found)
+
+        wait_until(is_back)
+        with found[0] as again:
             settings = again.wait_for(lambda m: m.topic.endswith("/settings"))
             again.wait_for(lambda m: m.topic.endswith("/plots"))
         _, _, err = session.end(signal.SIGTERM)
