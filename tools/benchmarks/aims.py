@@ -10,7 +10,8 @@ import subprocess
 import sys
 import time
 import venv
-from collections.abc import Callable, Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,38 @@ def spread(values: Iterable[float], form: str = ".2f") -> str:
 def ratios(ours: Sequence[float], theirs: Sequence[float]) -> list[float]:
     """How many times the other ours is, run by run: each has one of its own beside it."""
     return [a / b for a, b in zip(ours, theirs, strict=True)]
+
+
+def table(head: Sequence[object], rows: Iterable[Sequence[object]], words: int = 1) -> None:
+    """Prints a table, each row as it comes; its first columns are words, the others numbers."""
+    print(_row(head), "|" + "---|" * words + "--:|" * (len(head) - words), sep="\n")
+    for row in rows:
+        print(_row(row), flush=True)
+
+
+def _row(cells: Iterable[object]) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def in_turns(
+    sizes: Iterable[int], repeats: int, ways_at: Callable[[int], Mapping[str, Callable[[], float]]]
+) -> dict[tuple[str, int], list[float]]:
+    """What each of the ways takes at each size, run by run; of a size they take turns."""
+    found: dict[tuple[str, int], list[float]] = defaultdict(list)
+    for n in sizes:
+        ways = ways_at(n)
+        for _ in range(repeats):
+            for name, way in ways.items():
+                found[name, n].append(way())
+    return found
+
+
+def by_size(
+    title: str, sizes: Iterable[object], rows: Mapping[str, Iterable[list[float]]], form: str = ""
+) -> None:
+    """Prints a table of runs: a row a way, a column a size."""
+    cells = ([name, *(spread(runs, form or ".2f") for runs in row)] for name, row in rows.items())
+    table([title, *sizes], cells)
 
 
 def us_per_call(call: Callable[[], object], seconds: float) -> float:

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "feeds" / "engine"))
 
-from aims import ratios, spread
+from aims import by_size, in_turns, ratios, table
 from section_4_crowd import at_work, ns_per_drone, place, scene_of
 from support.hills import write_ridge
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed, text_of
@@ -108,32 +109,34 @@ def engine_of(n: int, named: dict[str, Any]) -> Engine:
 def main() -> None:
     """Measures in turns and prints two tables."""
     keep_freed()
-    found: dict[tuple[str, int], list[float]] = defaultdict(list)
-    for n in SIZES:
+
+    def ways_at(n: int) -> dict[str, Callable[[], float]]:
         engines = {name: engine_of(n, named) for name, named in EFFECTS.items()}
-        for _ in range(REPEATS):
-            for name, engine in engines.items():
-                found[name, n].append(ns_per_drone(engine, n, SECONDS_A_REPEAT))
-    plain = "nothing named"
+        return {
+            name: partial(ns_per_drone, engine, n, SECONDS_A_REPEAT)
+            for name, engine in engines.items()
+        }
+
+    found = in_turns(SIZES, REPEATS, ways_at)
     print(
-        f"Median (least to most) of {REPEATS} repeats, in turns: times what it takes with nothing"
+        f"Median (least to most) of {REPEATS} repeats, in turns: nanoseconds for a drone and scan\n"
+        "with nothing named, and times that.\n"
     )
-    print("named, and of that the nanoseconds for a drone and scan.\n")
-    print("| named | " + " | ".join(f"{n:,} drones" for n in SIZES) + " |")
-    print("|---|" + "--:|" * len(SIZES))
-    print(f"| {plain}, ns | " + " | ".join(spread(found[plain, n], ",.0f") for n in SIZES) + " |")
-    for name in list(EFFECTS)[1:]:
-        each = (ratios(found[name, n], found[plain, n]) for n in SIZES)
-        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
+    sizes = [f"{n:,} drones" for n in SIZES]
+    each = {name: [found[name, n] for n in SIZES] for name in EFFECTS}
+    plain = each.pop("nothing named")
+    by_size("", sizes, {"nothing named, ns": plain}, ",.0f")
+    print()
+    by_size("named", sizes, {name: map(ratios, row, plain) for name, row in each.items()})
     print(
         "\nWith nothing named, of the instructions of a sector of three drones, those that ask:\n"
     )
-    print("| sensor | instructions | that ask | share |\n|---|--:|--:|--:|")
+    rows = []
     for kind in SENSORS:
         counts = executed(kind)
         asking = sum(n for place, n in counts.items() if QUESTIONS.search(text_of(place)))
-        share = asking / counts.total()
-        print(f"| {kind} | {counts.total():,} | {asking} | {share:.2%} |")
+        rows.append((kind, f"{counts.total():,}", asking, f"{asking / counts.total():.2%}"))
+    table(("sensor", "instructions", "that ask", "share"), rows)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,12 @@ few of them share a block: 32 a second are the sectors of a radar that turns onc
 
 from __future__ import annotations
 
-import os
-import platform
 import statistics
 import time
+from functools import partial
 from typing import Any
 
-import numpy as np
-from aims import aim, ratios, spread
+from aims import aim, by_size, in_turns, ratios
 
 from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -68,28 +66,23 @@ def us_per_message(keys: dict[str, Any], rate_hz: int) -> float:
 
 def main() -> None:
     """Measures and prints a table."""
-    times: dict[tuple[str, int], list[float]] = {}
-    for _ in range(REPEATS):
-        for name, keys in CASES.items():
-            for rate_hz in RATES_HZ:
-                times.setdefault((name, rate_hz), []).append(us_per_message(keys, rate_hz))
+    found = in_turns(
+        RATES_HZ,
+        REPEATS,
+        lambda rate_hz: {n: partial(us_per_message, keys, rate_hz) for n, keys in CASES.items()},
+    )
+    rates = [f"{rate:,}" for rate in RATES_HZ]
     print(f"µs a message: median (least to most) of {REPEATS} repeats in turns, of {MESSAGES:,}")
-    print(f"messages each. {platform.machine()}, {os.cpu_count()} cores; Python")
-    print(f"{platform.python_version()}, NumPy {np.__version__}.\n")
-    print("| messages a second | " + " | ".join(f"{rate:,}" for rate in RATES_HZ) + " |")
-    print("|---|" + "--:|" * len(RATES_HZ))
-    for name in CASES:
-        cells = (times[name, rate] for rate in RATES_HZ)
-        print(f"| {name} | " + " | ".join(map(spread, cells)) + " |")
+    print("messages each.\n")
+    each = {name: [found[name, rate] for rate in RATES_HZ] for name in CASES}
+    by_size("messages a second", rates, each)
     print("\nTimes what a message takes that nothing is asked of, by turns:\n")
-    print("| messages a second | " + " | ".join(f"{rate:,}" for rate in RATES_HZ) + " |")
-    print("|---|" + "--:|" * len(RATES_HZ))
-    for name in list(CASES)[1:]:
-        each = (ratios(times[name, rate], times["nothing", rate]) for rate in RATES_HZ)
-        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
-    median = statistics.median(times[OF_THE_AIM, 1000])
-    what, found = f"{OF_THE_AIM} at 1,000 a second", f"{median:.2f} µs"
-    print("\n" + aim(what, f"{AIM_US:g} µs", found, is_met=median <= AIM_US))
+    plain = each.pop("nothing")
+    times = {name: map(ratios, row, plain) for name, row in each.items()}
+    by_size("messages a second", rates, times)
+    median = statistics.median(found[OF_THE_AIM, 1000])
+    what, told = f"{OF_THE_AIM} at 1,000 a second", f"{median:.2f} µs"
+    print("\n" + aim(what, f"{AIM_US:g} µs", told, is_met=median <= AIM_US))
 
 
 if __name__ == "__main__":

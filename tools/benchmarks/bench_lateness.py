@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 from aims import aim, ratios, spread
+from beside import nanosleep_late_us
 from demo_process import demo, subscriber
-from support.nanosleep import nanosleep_late_us
 
 from plotfeed.proto.ledger_pb2 import LedgerBatch
 

@@ -241,7 +241,7 @@ def by_ast_tool(path: Path, port: int, *more: str) -> None:
 
 def by_c(path: Path, port: int) -> None:
     """The same by clock_nanosleep and sendto."""
-    from support.nanosleep import compiled
+    from beside import compiled
 
     program = compiled(PLAYER_C, "player")
     assert program is not None

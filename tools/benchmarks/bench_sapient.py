@@ -8,13 +8,10 @@ A detection has range, azimuth, elevation and their errors, a class, a confidenc
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Callable
-from importlib.metadata import version
 
 import numpy as np
-from aims import ratios, spread, us_per_call
+from aims import by_size, in_turns, ratios, us_per_call
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
@@ -109,25 +106,22 @@ def main() -> None:
         "with topics, location": lambda n: reports["location"].messages_of(seen(n)),
         "from its parts": lambda n: from_parts(node.node_id, found[n]),
     }
-    times: dict[tuple[str, int], list[float]] = {}
-    for _ in range(REPEATS):
-        for n in SIZES:
-            for name, way in ways.items():
-                us = us_per_call(lambda: way(n), SECONDS_A_REPEAT)  # noqa: B023
-                times.setdefault((name, n), []).append(us / n)
+    times = in_turns(
+        SIZES,
+        REPEATS,
+        lambda n: {
+            name: lambda way=way: us_per_call(lambda: way(n), SECONDS_A_REPEAT) / n
+            for name, way in ways.items()
+        },
+    )
     octets = len(encoder.messages(T_NS, found[1])[0])
     print(f"{octets} octets a message; µs a message: median (least to most) of {REPEATS}")
-    print("repeats in turns, by the number of detections in a group.")
-    print(f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()},")
-    print(f"protobuf {version('protobuf')}.\n")
-    print("| | " + " | ".join(f"{n}" for n in SIZES) + " |\n|---|" + "--:|" * len(SIZES))
-    for name in ways:
-        print(f"| {name} | " + " | ".join(spread(times[name, n]) for n in SIZES) + " |")
+    print("repeats in turns, by the number of detections in a group.\n")
+    each = {name: [times[name, n] for n in SIZES] for name in ways}
+    by_size("", SIZES, each)
     print("\nFrom its parts, times what ours takes, by turns:\n")
-    print("| | " + " | ".join(f"{n}" for n in SIZES) + " |\n|---|" + "--:|" * len(SIZES))
-    for name in list(ways)[:-1]:
-        each = (ratios(times["from its parts", n], times[name, n]) for n in SIZES)
-        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
+    theirs = each.pop("from its parts")
+    by_size("", SIZES, {name: map(ratios, theirs, row) for name, row in each.items()})
 
 
 if __name__ == "__main__":

@@ -9,10 +9,11 @@ grows with more than the number of drones: ghosts do.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from aims import ratios, spread
+from aims import by_size, in_turns, ratios
 from section_4_crowd import at_work, ns_per_drone, place
 from support.every_kind import EMITTER, RF
 
@@ -95,24 +96,24 @@ def engine_of(keys: Keys, n: int) -> Engine:
 def main() -> None:
     """Measures in turns and prints a table."""
     keep_freed()
-    found: dict[tuple[str, int, int], list[float]] = defaultdict(list)
-    for n in SIZES:
-        engines = {
-            (name, side): engine_of(keys, n)
+
+    def ways_at(n: int) -> dict[str, Callable[[], float]]:
+        return {
+            f"{name}{side}": partial(ns_per_drone, engine_of(keys, n), n, SECONDS_A_REPEAT)
             for name, pair in PAIRS.items()
             for side, keys in enumerate(pair)
         }
-        for _ in range(REPEATS):
-            for (name, side), engine in engines.items():
-                found[name, side, n].append(ns_per_drone(engine, n, SECONDS_A_REPEAT))
+
+    found = in_turns(SIZES, REPEATS, ways_at)
     print(f"Times that of the plain sensor, median (least to most) of {REPEATS} runs in turns.\n")
-    sizes = " | ".join(f"{n} drones" for n in SIZES)
-    print(f"| sensor | {sizes} | us per drone, of the last |")
-    print("|---|" + "--:|" * (len(SIZES) + 1))
-    for name in PAIRS:
-        cells = [spread(ratios(found[name, 1, n], found[name, 0, n]), ".2f") for n in SIZES]
-        last = spread([ns / 1e3 for ns in found[name, 1, SIZES[-1]]], ",.0f")
-        print(f"| {name} | " + " | ".join(cells) + f" | {last} |")
+    each, plain = (
+        [[found[f"{name}{side}", n] for n in SIZES] for name in PAIRS] for side in (1, 0)
+    )
+    times = (map(ratios, *rows) for rows in zip(each, plain, strict=True))
+    by_size("sensor", [f"{n} drones" for n in SIZES], dict(zip(PAIRS, times, strict=True)))
+    print(f"\nMicroseconds a drone, of {SIZES[-1]}:\n")
+    last = {name: [[ns / 1e3 for ns in found[f"{name}1", SIZES[-1]]]] for name in PAIRS}
+    by_size("sensor", ["µs"], last, ",.0f")
 
 
 if __name__ == "__main__":

@@ -36,13 +36,12 @@ sys.path.extend(str(Path(__file__).parents[2] / room) for room in ("tests", "too
 
 import numpy as np
 from aims import cpu_s
+from beside import Arrivals, nanosleep
 from prometheus_client.parser import text_string_to_metric_families
 from soak_page import write_page
 from soak_scene import KEPT_MESSAGES, Load, everything, many_radars, reported
-from support.arrivals import Arrivals
 from support.brokers import free_port, mosquitto, own_broker, wait_until_listening
 from support.command import PLOTFEED
-from support.nanosleep import Nanosleep
 from support.tools import place_of
 
 from plotfeed.testing import MqttReceiver
@@ -127,7 +126,7 @@ class Soak:
                 arrivals = Arrivals(self.broker.port)
             with self.session(scene) as (process, port):
                 if not self.load.is_recorded:
-                    beside = nanosleep_beside(self.minutes)
+                    beside = nanosleep(round(self.minutes * 60 * 100), 10_000_000)
                 helpers = [
                     threading.Thread(target=work, daemon=True)
                     for work in (self.publish, self.disturb)
@@ -144,7 +143,7 @@ class Soak:
         finally:
             self.broker.stop()
         if beside is not None:
-            np.save(self.folder / "nanosleep.npy", beside.late_us())
+            np.save(self.folder / "nanosleep.npy", beside())
         said = {
             "arrived": arrived,
             "began": began,
@@ -279,13 +278,6 @@ def ended(process: subprocess.Popen[bytes]) -> tuple[float, int]:
     process.send_signal(signal.SIGTERM)
     code = process.wait(60)
     return time.monotonic() - begin_s, code
-
-
-def nanosleep_beside(minutes: float) -> Nanosleep | None:
-    """C, which wakes a hundred times a second as long as the session runs."""
-    with suppress(FileNotFoundError):
-        return Nanosleep(round(minutes * 60 * 100), 10_000_000)
-    return None
 
 
 def prefer(nice: int) -> None:
