@@ -139,6 +139,11 @@ class Part:
         topic = f"plotfeed/fleet/1{level}"
         return [json.loads(m.payload) for m in [*self.client.heard] if m.topic == topic]
 
+    def states(self, topic: str = "plotfeed/fleet/1/session") -> list[str]:
+        """What was said there of how somebody is, one after the other."""
+        heard = [json.loads(m.payload) for m in [*self.client.heard] if m.topic == topic]
+        return [told["state"] for told in heard]
+
     async def sends(self, claim: int) -> None:
         """A process that has that claim does."""
         await until(
@@ -206,14 +211,9 @@ async def test_who_stands_by_goes_on_when_the_will_of_who_sent_says_that_it_died
         part.network.is_closed = True
         part.network.cut()
         await part.sends(2)
-        states = [told["state"] for told in part.said("/session")]
-        assert states == ["RUNNING", "DIED", "RUNNING"]
-        offline = [
-            json.loads(m.payload)["state"]
-            for m in part.client.heard
-            if m.topic == f"plotfeed/{part.scene.sensor[0].id}/status"
-        ]
-        assert offline[-1] == "ONLINE"
+        await until(lambda: part.states() == ["RUNNING", "DIED", "RUNNING"])
+        status = f"plotfeed/{part.scene.sensor[0].id}/status"
+        await until(lambda: part.states(status)[-1] == "ONLINE")
         part.network.is_closed = False
         await taken_from(first)
 
@@ -294,7 +294,7 @@ async def test_what_ends_in_order_is_ended_and_who_begins_anew_goes_on(tmp_path:
         first.stop.set()
         await first.task
         await until(lambda: part.said()[-1]["state"] == "ENDED")
-        assert [told["state"] for told in part.said("/session")] == ["RUNNING", "ENDED"]
+        await until(lambda: part.states() == ["RUNNING", "ENDED"])
         part.another()
         await part.sends(2)
         (gap,) = [g for g in part.said("/gaps")[-1] if g["why"].endswith("no longer sends")]
