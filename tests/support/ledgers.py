@@ -12,7 +12,7 @@ from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.link.impairment import Outcome
 from plotfeed.feeds.recording.recorder import attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
@@ -118,16 +118,16 @@ def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> FeedReport:
 
 
 def record_session(
-    scene_path: Path, path: Path, duration_s: float, *, says: Path | None = None
+    scene: Scene, path: Path, duration_s: float, *, says: Scene | None = None
 ) -> Path:
     """The record of a session in simulated time.
 
     It says that the session was one of the scene `says`, if that is given.
     """
-    fly(load(scene_path), duration_s, record=path)
+    fly(scene, duration_s, record=path)
     if says is None:
         return path
-    attachments = attachments_of(load(says), START_NS)
+    attachments = attachments_of(says, START_NS)
     return changed(path, path.with_name(f"{path.stem}-says{path.suffix}"), attachments=attachments)
 
 

@@ -760,11 +760,11 @@ def _subject(figure: Check) -> str:
 
 def judged_scene(seed: int, folder: Path) -> JudgedScene:
     """Run and report the random scene of that seed."""
-    path = written_scene(seed, folder)
-    record = record_session(path, folder / f"{seed}.mcap", SECONDS)
+    scene = load(written_scene(seed, folder))
+    record = record_session(scene, folder / f"{seed}.mcap", SECONDS)
     found = told(record)
     record.unlink()
-    kinds = {sensor.id: sensor.type_name() for sensor in load(path).sensor}
+    kinds = {sensor.id: sensor.type_name() for sensor in scene.sensor}
     with_plots = [sensor for sensor in found.sensors if sensor.plots_from]
     plots: Counter[str] = Counter()
     for sensor in with_plots:

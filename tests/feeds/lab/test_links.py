@@ -1,28 +1,44 @@
-"""Links of ledgers whose truth is known: what is reported is what there is, right or wrong."""
+"""Links of ledgers whose truth is known: what is reported is what there is, right or wrong.
+
+Figures of what is counted are those of their definitions.
+"""
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 from support.ledgers import entries, json_of, told_of
 from support.links import link
 from support.significance import assert_chance
 
-from plotfeed.feeds.lab.gathering import FeedReport
-from plotfeed.feeds.lab.links import LinkFigures, Setting
+from plotfeed.feeds.lab.gathering import FeedReport, lacking_of
+from plotfeed.feeds.lab.links import LinkFigures, Order, Setting, found_times, orders_of
 from plotfeed.feeds.link import impairment
-from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.link.delays import CELLS, DelayLaw
 from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.models.residuals import CELL_M, MAX_CELLS, LookTally, pd_by_range
+from plotfeed.models.tail_chances import p_of_distance
+from plotfeed.models.verdicts import share_interval
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import tables_of
 
 MS = 1_000_000
 COUNT = 8000
+
+
+def lossy(kind: str, **keys: float) -> dict[str, Any]:
+    return {"loss": {"kind": kind, **keys}}
+
+
 JITTERED = {"latency_ms": 100.0, "jitter_ms": 10.0}
 LINKS: dict[str, dict[str, Any]] = {
     "normal": JITTERED,
@@ -32,44 +48,31 @@ LINKS: dict[str, dict[str, Any]] = {
     "pareto": {"latency_ms": 50.0, "jitter_ms": 10.0, "distribution": "pareto"},
     "paretonormal": {"latency_ms": 50.0, "jitter_ms": 10.0, "distribution": "paretonormal"},
     "table": {"distribution": "table", "delays_ms": [5.0, 6.0, 6.5, 9.0, 30.0]},
-    "random loss": {"loss": {"kind": "random", "probability": 0.05}},
-    "correlated loss": {"loss": {"kind": "random", "probability": 0.1, "correlation": 0.4}},
-    "bursts": JITTERED | {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 5.0}},
-    "leaking bursts": {
-        "loss": {"kind": "gilbert-elliott", "p": 0.02, "r": 0.2, "bad_loss": 0.8, "good_loss": 0.01}
-    },
-    "four states": {
-        "loss": {"kind": "four-state", "p13": 0.02, "p31": 0.3, "p32": 0.1, "p23": 0.5}
-    },
+    "random loss": lossy("random", probability=0.05),
+    "correlated loss": lossy("random", probability=0.1, correlation=0.4),
+    "bursts": JITTERED | lossy("gilbert-elliott", mean_loss=0.1, mean_burst=5.0),
+    "leaking bursts": lossy("gilbert-elliott", p=0.02, r=0.2, bad_loss=0.8, good_loss=0.01),
+    "four states": lossy("four-state", p13=0.02, p31=0.3, p32=0.1, p23=0.5),
     "copies": JITTERED | {"duplicate": 0.1, "corrupt": 0.05},
 }
-
-
 # Links that do one thing and say another, by what is called wrong of them.
 WRONG: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "delay": ({"latency_ms": 101.0, "jitter_ms": 10.0}, JITTERED),
     "delay, by its jitter": ({"latency_ms": 100.0, "jitter_ms": 12.0}, JITTERED),
-    "loss": (
-        {"loss": {"kind": "random", "probability": 0.07}},
-        {"loss": {"kind": "random", "probability": 0.05}},
-    ),
+    "loss": (lossy("random", probability=0.07), lossy("random", probability=0.05)),
     "bursts of losses": (
-        {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 7.0}},
-        {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}},
+        lossy("gilbert-elliott", mean_loss=0.1, mean_burst=7.0),
+        lossy("gilbert-elliott", mean_loss=0.1, mean_burst=4.0),
     ),
     "duplicates": ({"duplicate": 0.14}, {"duplicate": 0.1}),
     "flipped bits": ({"corrupt": 0.14}, {"corrupt": 0.1}),
     "order": (JITTERED, JITTERED | {"in_order": True}),
 }
-NOT_PLAIN = {
+NOT_PLAIN: dict[str, dict[str, Any]] = {
     "kept in order": JITTERED | {"in_order": True},
     "rate limited": JITTERED | {"rate_kbit_s": 20.0},
     "reordered on purpose": JITTERED | {"reorder": {"probability": 0.2}},
-    "stalls": {
-        "latency_ms": 5.0,
-        "on_loss": "stall",
-        "loss": {"kind": "random", "probability": 0.1},
-    },
+    "stalls": {"latency_ms": 5.0, "on_loss": "stall"} | lossy("random", probability=0.1),
     "down": JITTERED | {"down": True},
     "all the same": {"latency_ms": 5.0},
 }
@@ -214,44 +217,37 @@ def test_a_fault_of_the_running_process_in_a_link_is_named(
 
 
 def test_counts_are_those_of_the_ledger(tmp_path: Path) -> None:
-    asked = link(
-        **JITTERED, loss={"kind": "random", "probability": 0.2}, duplicate=0.1, corrupt=0.1
-    )
+    asked = link(**JITTERED, **lossy("random", probability=0.2), duplicate=0.1, corrupt=0.1)
     ledgers = entries(asked, 2000)
     found = only(told_of(tmp_path, ledgers))
     sent = [one for entry in ledgers for one in entry.messages]
     first = [one for one in sent if not one.copy]
-    left = np.array([one.sent_utc_ns for one in first if one.fate == pb.SENT])
-    delays_ms = np.array([o.sent_utc_ns - o.due_utc_ns for o in first if o.fate == pb.SENT]) / MS
+    times = [(one.due_utc_ns, one.sent_utc_ns) for one in first if one.fate == pb.SENT]
+    due, left = np.array(times).T
+    delays_ms = (left - due) / MS
     assert (found.messages, found.sent) == (2000, len(left))
     assert found.loss.count == sum(one.fate == pb.LOST for one in first)
-    assert found.duplicates.count == len(sent) - len(first)
-    assert found.duplicates.of == len(left)
+    assert (found.duplicates.count, found.duplicates.of) == (len(sent) - len(first), len(left))
     assert found.corrupted.count == sum(one.HasField("flipped_bit") for one in sent)
     assert found.corrupted.of == sum(one.fate == pb.SENT for one in sent)
     assert found.overtook.count == (left < np.maximum.accumulate(left)).sum()
     assert np.isnan(found.overtook.asked)
     assert found.delivered.mean_ms == pytest.approx(delays_ms.mean())
     assert found.delivered.curve_ms[-1] == found.delivered.max_ms == delays_ms.max()
-    lost = "".join("x" if one.fate == pb.LOST else "." for one in first)
-    runs = [len(run) for run in lost.split(".")[1:-1] if run]
-    assert found.bursts.lengths == {str(n): runs.count(n) for n in sorted(set(runs))}
-    assert found.bursts.delivered_mean == pytest.approx(np.mean(runs))
-    assert found.bursts.delivered_survival[1] == pytest.approx(np.mean(np.array(runs) >= 2))
+    lengths = np.repeat(*np.array([(int(n), k) for n, k in found.bursts.lengths.items()]).T)
+    assert found.bursts.delivered_mean == pytest.approx(lengths.mean())
+    assert found.bursts.delivered_survival[1] == pytest.approx((lengths >= 2).mean())
 
 
 def test_each_setting_of_a_link_is_told_apart(tmp_path: Path) -> None:
-    first, second = link(**JITTERED), link(latency_ms=300.0, jitter_ms=10.0)
-    ledgers = entries(first, 3000)
-    for entry, other in zip(ledgers[250:500], entries(second, 3000)[250:500], strict=True):
-        entry.CopyFrom(other)
+    first, second = JITTERED, JITTERED | {"latency_ms": 300.0}
+    ledgers, others = (entries(link(**keys), 3000) for keys in (first, second))
+    ledgers[250:500] = others[250:500]
     told = told_of(tmp_path, ledgers)
-    assert [(found.number, found.link, found.messages) for found in told.links] == [
-        (1, JITTERED, 2000),
-        (2, {"latency_ms": 300.0, "jitter_ms": 10.0}, 1000),
-    ]
-    for found in told.links:
-        assert_chance(found.fit.p_value, "delay")
+    found = [(each.number, each.link, each.messages) for each in told.links]
+    assert found == [(1, first, 2000), (2, second, 1000)]
+    for each in told.links:
+        assert_chance(each.fit.p_value, "delay")
     assert told.links[1].first_utc_ns - told.first_utc_ns == 10 * 10**9
 
 
@@ -264,25 +260,154 @@ def test_a_ledger_of_endless_settings_is_told_in_part(tmp_path: Path) -> None:
     assert "50 entries are under more link settings than are told" in told.notes
 
 
-def test_a_second_session_in_the_file_counts_on_its_own(tmp_path: Path) -> None:
-    ledgers = entries(link(**LINKS["bursts"]), 2000)
-    again = entries(link(**LINKS["bursts"]), 2000)
+def test_a_second_session_counts_on_its_own_and_what_was_recorded_twice_once(
+    tmp_path: Path,
+) -> None:
+    ledgers, again = (entries(link(**LINKS["bursts"]), 2000) for _ in range(2))
     for entry in again:
         entry.scan += 100_000
         for one in entry.messages:
             one.due_utc_ns += 10**12
             one.link_due_utc_ns += 10**12
             one.sent_utc_ns += 10**12 if one.sent_utc_ns else 0
-    (tmp_path / "once").mkdir()
-    once = only(told_of(tmp_path / "once", ledgers))
-    twice = only(told_of(tmp_path, [*ledgers, *again]))
-    assert twice.bursts.bursts == 2 * once.bursts.bursts
-    assert twice.overtook.count == 2 * once.overtook.count
+    once = only(told_of(tmp_path, ledgers))
+    told = told_of(tmp_path, [each for entry in (*ledgers, *again) for each in (entry, entry)])
+    assert told.entries == 1000
+    assert "1000 entries were recorded twice and count once" in told.notes
+    assert only(told).messages == 2 * once.messages
+    assert only(told).bursts.bursts == 2 * once.bursts.bursts
+    assert only(told).overtook.count == 2 * once.overtook.count
 
 
-def test_an_entry_that_was_recorded_twice_counts_once(tmp_path: Path) -> None:
-    ledgers = entries(link(**JITTERED), 400)
-    told = told_of(tmp_path, [each for entry in ledgers for each in (entry, entry)])
-    assert only(told).messages == 400
-    assert told.entries == 100
-    assert "100 entries were recorded twice and count once" in told.notes
+# Figures, by their definitions.
+
+
+@given(st.lists(st.integers(-(10**13), 10**13), max_size=40))
+def test_quantiles_are_those_of_all_times(all_ns: list[int]) -> None:
+    found = found_times(np.array(all_ns, np.int64))
+    told_ms = [found.p50_ms, found.p90_ms, found.p99_ms, found.max_ms]
+    if not all_ns:
+        assert np.isnan([*told_ms, found.mean_ms]).all()
+        return
+    ranks = np.maximum(np.ceil(np.array([0.5, 0.9, 0.99, 1.0]) * len(all_ns)), 1).astype(int) - 1
+    assert told_ms == (np.sort(all_ns)[ranks] / 1e6).tolist()
+    assert found.mean_ms == pytest.approx(np.mean(all_ns) / 1e6, rel=1e-9, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "more", [{"jitter_ms": 10.0}, {"jitter_ms": 1.0, "distribution": "uniform"}]
+)
+def test_the_distance_is_that_of_kolmogorov_within_the_resolution(more: dict[str, Any]) -> None:
+    law = DelayLaw.of(link(latency_ms=100.0, **more))
+    drawn_ms = law.quantile_ms(np.random.default_rng(4).random(500))
+    delays_ns = np.rint(drawn_ms * MS).astype(np.int64)
+    exact = stats.kstest(delays_ns / MS, law.cdf).statistic
+    assert law.distance(delays_ns) == pytest.approx(exact, abs=2 / CELLS + 1 / 500)
+
+
+def test_a_law_without_a_spread_has_no_distance() -> None:
+    for keys in ({"latency_ms": 3.0}, {"distribution": "table", "delays_ms": [3.0]}):
+        assert np.isnan(DelayLaw.of(link(**keys)).distance(np.full(100, 3 * MS)))
+
+
+@pytest.mark.parametrize(("n", "within"), [(8, 1.0), (30, 0.1), (1000, 0.05)])
+def test_probabilities_of_distances_are_those_of_the_exact_law(n: int, within: float) -> None:
+    for p in (0.9, 0.5, 0.1, 0.01, 1e-4):
+        distance = float(stats.kstwo.isf(p, n))
+        assert p_of_distance(distance, n) == pytest.approx(p, rel=within)
+    assert np.isnan(p_of_distance(0.3, 7))
+
+
+def test_intervals_of_shares_hold_them_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(2)
+    for p in (0.02, 0.5, 0.97):
+        ends = [share_interval(int(k), 200) for k in rng.binomial(200, p, 2000)]
+        held = np.mean([low <= p <= high for low, high in ends])
+        assert 0.92 < held < 0.98
+    assert share_interval(0, 10)[0] == 0.0
+    assert share_interval(10, 10)[1] == pytest.approx(1.0)
+    assert np.isnan(share_interval(0, 0)).all()
+
+
+NEEDED_FOR_ORDER = ("entry", "number", "due_utc_ns", "sent_utc_ns", "fate")
+
+
+def order_of(*rows: tuple[int, int, int, int], links: int = 1) -> list[Order]:
+    """Of messages by number, time of sending, fate and link, told in whatever order."""
+    number, sent_ns, fate, row = (np.array(c, np.int64) for c in zip(*rows, strict=True))
+    empty = tables_of(()).messages
+    sent = empty.but(number=number, due_utc_ns=number, sent_utc_ns=sent_ns, fate=fate, entry=row)
+    return orders_of(sent.picked(np.arange(len(rows)), NEEDED_FOR_ORDER), links)
+
+
+FATES = [pb.SENT, pb.LOST, pb.LOST, pb.OUTAGE, pb.QUEUE_FULL, pb.STALE, pb.FATE_UNSPECIFIED]
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(FATES), st.integers(0, 30)), min_size=1, max_size=80),
+    st.randoms(use_true_random=False),
+)
+def test_bursts_and_overtaking_are_by_their_definition(
+    what: list[tuple[int, int]], told: random.Random
+) -> None:
+    rows = [(number, sent_ns, int(fate), 0) for number, (fate, sent_ns) in enumerate(what)]
+    told.shuffle(rows)
+    (found,) = order_of(*rows)
+
+    letters = "".join(
+        "x" if fate == pb.LOST else "?" if fate in (pb.OUTAGE, pb.FATE_UNSPECIFIED) else "."
+        for fate, _ in what
+    )
+    exact = sorted(len(run) for run in _whole_bursts(letters))
+    assert sorted(found.bursts.elements()) == exact
+    all_runs = [run for part in letters.split(".") for run in part.split("?") if run]
+    assert found.cut_bursts == len(all_runs) - len(exact)
+    left = [sent_ns for fate, sent_ns in what if fate == pb.SENT]
+    assert found.left == len(left)
+    assert found.overtook == sum(t < max(left[:i], default=0) for i, t in enumerate(left))
+
+
+def _whole_bursts(letters: str) -> list[str]:
+    """Between two messages that passed."""
+    return [run for run in letters.split(".")[1:-1] if run and "?" not in run]
+
+
+def test_a_burst_does_not_go_on_under_another_setting_nor_where_messages_are_missing() -> None:
+    fates = [pb.SENT, pb.LOST, pb.LOST, pb.LOST, pb.SENT, pb.LOST, pb.SENT]
+    rows = [(n, n, int(fate), int(n > 2)) for n, fate in enumerate(fates)]
+    before, after = order_of(*rows, links=2)
+    assert (before.bursts, after.bursts) == ({}, {1: 1})
+    assert (before.cut_bursts, after.cut_bursts) == (1, 1)
+    lost, sent = int(pb.LOST), int(pb.SENT)
+    (found,) = order_of((0, 0, sent, 0), (1, 0, lost, 0), (3, 0, lost, 0), (4, 9, sent, 0))
+    assert (found.bursts, found.cut_bursts) == ({}, 2)
+
+
+def test_detection_by_range_adds_up_and_is_within_chance_at_any_range_in_little_memory() -> None:
+    rng = np.random.default_rng(8)
+    range_m, pd = rng.uniform(300, 9000, 5000), rng.random(5000)
+    tally = LookTally(CELL_M, MAX_CELLS)
+    assert pd_by_range(tally) == []
+    tally.add(range_m, pd, rng.random(5000) < pd)
+    tally.add([np.nan, 5.0, np.inf, -1.0], [0.5, 1.5, 0.5, 0.5], [False] * 4)
+    bins = pd_by_range(tally)
+    assert sum(at.looks for at in bins) == 5000
+    assert 8 <= len(bins) <= 13
+    for at in bins:
+        inside = (range_m >= at.from_m) & (range_m < at.to_m)
+        assert at.looks == inside.sum()
+        assert at.expected == pytest.approx(pd[inside].mean())
+        assert at.low <= at.found <= at.high
+        assert_chance(at.p, f"{at.from_m} m")
+    tally.add([1e300], [0.5], [False])
+    assert tally.cells().nbytes < 2_000_000
+    assert sum(at.looks for at in pd_by_range(tally)) == 5001
+
+
+@given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))
+def test_sectors_that_are_lacking_are_those_between(numbers: list[int], missing: set[int]) -> None:
+    there = np.array([number for number in numbers if number not in missing])
+    lacking = lacking_of(there)
+    assert [number for run in lacking for number in run] == sorted(missing)
+    many = np.arange(0, 10_000, 2)
+    assert len(lacking_of(many)) == 1000  # what is known of them is bounded

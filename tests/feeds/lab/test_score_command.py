@@ -1,4 +1,4 @@
-"""`plotfeed score`, on the recording of a session whose radar has tracks of its own."""
+"""`plotfeed score`: sessions whose radar has tracks of its own, and trials with other truths."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ import xml.dom.minidom
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.command import plotfeed_here
 from support.ledgers import record_session, recorded, written
-from support.recordings import START_NS
+from support.recordings import START_NS, message
 from support.scene_files import radar, scene_file, scene_text
-from support.scored_flights import APART, csv_of, ledger_of
+from support.scored_flights import APART, NS, SITE, Flight, csv_of, ledger_of, read_of
+from support.told_tracks import told_tracks
 
+from plotfeed.feeds.lab.flights import read_trial, scene_of
+from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run
 from plotfeed.feeds.lab.score import (
     LimitVerdict,
     ScoreLimit,
@@ -22,20 +26,30 @@ from plotfeed.feeds.lab.score import (
     mark_of,
     shipped_profiles,
 )
-from plotfeed.feeds.lab.scoring import FIGURE_NAMES
+from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score
+from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
+from plotfeed.feeds.scene.scene import load
 from plotfeed.models.verdicts import Interval
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
+from plotfeed.proto.content_types import JSON, asterix_content_type
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.asterix_files import RawWriter
 from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 
-MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }'
+MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }\n'
+
+
+def session_of(folder: Path, more: str = "") -> Path:
+    """The record of 40 s with the plain tracker of a radar."""
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=MORE + more))
+    return record_session(load(scene_file(folder, text)), folder / "there.mcap", 40.0)
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("score")
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=MORE))
-    return record_session(scene_file(folder, text), folder / "there.mcap", 30.0)
+    return session_of(tmp_path_factory.mktemp("score"))
 
 
 def score_of(*words: object) -> dict:
@@ -170,15 +184,12 @@ def test_html_is_one_file_the_same_to_the_byte_and_names_are_text_in_it_and_xml(
     tmp_path: Path,
 ) -> None:
     ledgers = recorded(ledger_of({"<b>&\x07$x$": APART["a"]}))
-    messages = [each._replace(log_time_ns=START_NS) for each in ledgers]
-    told = {"sensor": "radar", "latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0,
-            "scan_period_s": 1.0}  # fmt: skip
-    described = messages[0]._replace(
-        topic="plotfeed/radar/description",
-        payload=json.dumps(told).encode(),
-        content_type="application/json",
+    told = {"sensor": "radar", "latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
+    described = message(
+        json.dumps(told).encode(), topic="plotfeed/radar/description", content_type=JSON
     )
-    path = written(tmp_path / "x.mcap", [described, *messages])
+    messages = [described, *(each._replace(log_time_ns=START_NS) for each in ledgers)]
+    path = written(tmp_path / "x.mcap", messages)
     tracks = csv_of(tmp_path / "x.csv", path)
     profile = tmp_path / "p.toml"
     profile.write_text(
@@ -273,3 +284,153 @@ def test_a_wrong_profile_is_told_of(tmp_path: Path, text: str, why: str) -> None
         load_profile(str(path))
     assert "\n" not in str(refused.value)
     assert str(path) in str(refused.value)
+
+
+# Whose fault a loss is: no tracker is blamed for what sensors or links did not bring.
+
+
+def split(path: Path, tracks: TracksRead | None = None) -> Possible:
+    """Of the radar's own tracks, or of others."""
+    run = read_run(path)
+    found = possible(run, Score(run.truths, tracks or read_tracks(path, scene_of(path))))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("more", "whose"),
+    [("degradation = { pd_factor = 0.25 }", "feed"), ("link = { latency_ms = 4000 }", "link")],
+)
+def test_a_loss_is_of_whoever_caused_it(
+    tmp_path: Path, more: str, whose: str, recording: Path
+) -> None:
+    found = [split(recording), split(session_of(tmp_path, more))]
+    before, after = ({"feed": of.of_feed_m, "link": of.of_link_m} for of in found)
+    assert after[whose] > 1.5 * before[whose] + 3.0
+    other = "link" if whose == "feed" else "feed"
+    assert after[other] < 1.5 * before[other] + 3.0
+
+
+def test_a_tracker_that_says_nothing_is_to_blame(recording: Path) -> None:
+    found = split(recording, read_of([]))
+    assert found.of_tracker_m > 3 * np.hypot(found.of_feed_m, found.of_link_m)
+    assert "most is the tracker's" in str(found)
+    assert found.completeness > 0.9
+    assert 0.5 < found.position_rms_m / found.bound_m < 2.0
+    assert f"no tracker does better than {found.bound_m:.1f} m" in str(found)
+    assert found.placeless == 0
+    truths = read_run(recording).truths
+    without_plots = possible(RecordedRun(truths), Score(truths, read_of([])))
+    assert without_plots is None
+
+
+# Truth by logs of drones, or by what another tracker recorded.
+
+FLIGHT = APART["a"]
+
+
+def rows_of(flight: Flight, late_s: float = 0.0, sigma_m: float = 0.0) -> list[str]:
+    """Time and place each second, as wrong as that, by a clock that is late."""
+    rng, rows = np.random.default_rng(1), []
+    for second in range(61):
+        place = SITE.to_geodetic(flight.at(second) + sigma_m * rng.standard_normal(3))
+        latitude_deg, longitude_deg, height_m = map(float, place)
+        time = iso_utc(START_NS + round((second + late_s) * NS))
+        rows.append(f"{time},{latitude_deg:.9f},{longitude_deg:.9f},{height_m:.3f}")
+    return rows
+
+
+def log_of(path: Path, flight: Flight = FLIGHT) -> Path:
+    """As a table of a drone's own log."""
+    head = "time,latitude,longitude,altitude_ellipsoid_m"
+    path.write_text("\n".join([head, *rows_of(flight)]) + "\n")
+    return path
+
+
+def tracks_of(path: Path, late_s: float = 0.0, **flights: Flight) -> Path:
+    """A tracker's table, whose clock is late by that, of flights by its names for them."""
+    rows = ["track,time_utc,latitude_deg,longitude_deg,height_m"]
+    for name, flight in (flights or {"1": FLIGHT}).items():
+        rows += [f"{name},{row}" for row in rows_of(flight, late_s, 2.0)]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_logs_are_drones_of_their_own_and_what_is_none_is_refused_in_a_line(tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "uav.csv" for folder in ("one", "two", "three")]
+    for path in paths:
+        path.parent.mkdir()
+        log_of(path)
+    assert read_trial(paths).drones == ["uav", "uav uav", "uav uav uav"]
+    paths[0].write_text("a,b\n1,2\n")
+    with pytest.raises(PlotfeedError) as refused:
+        read_trial(paths)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_log_of_a_drone_is_the_truth_and_the_clock_is_found(tmp_path: Path) -> None:
+    turning = Flight((1000.0, 500.0, 100.0), (12.0, -5.0, 0.0))
+    log = log_of(tmp_path / "uav.csv", turning)
+    tracks = tracks_of(tmp_path / "t.csv", 2.6, mine=turning)
+    told = score_of(tracks, "--truth", log)
+    assert [each["drone"] for each in told["drones"]] == ["uav"]
+    assert told["figures"]["position_rms_m"] > 30.0
+    (finding,) = told["findings"]
+    assert finding.startswith(("times are 2.6", "times are 2.5"))
+    assert told["figures_without"]["position_rms_m"] < 4.0
+    assert told["possible"] is None
+    assert told["figures"]["latency_p50_s"] is None
+
+
+def test_tracks_of_another_tracker_are_the_truth_too(tmp_path: Path) -> None:
+    """Of two drones, one of which nobody follows."""
+    reference = tracks_of(tmp_path / "reference.csv", **APART)
+    words = (tracks_of(tmp_path / "t.csv"), "--truth", reference)
+    told = score_of(*words)
+    assert [each["drone"] for each in told["drones"]] == ["a", "b"]
+    assert [each["completeness"] > 0.9 for each in told["drones"]] == [True, False]
+    without = score_of(*words, "--set", 'leave_out=["b"]')
+    assert without["figures"]["completeness"] > 0.9
+
+
+def test_raw_asterix_of_a_reference_is_of_the_day_of_the_tracks(tmp_path: Path) -> None:
+    reference = tmp_path / "reference.ast"
+    one = told_tracks(1, np.random.default_rng(1))
+    with reference.open("wb") as file:
+        writer = RawWriter(file)
+        for second in range(61):
+            latitude_deg, longitude_deg, height_m = SITE.to_geodetic(FLIGHT.at(second)[None])
+            t_ns = START_NS + second * NS
+            told = one.but(t_utc_ns=np.array([t_ns]), track=np.array([7]), height_m=height_m,
+                           latitude_deg=latitude_deg, longitude_deg=longitude_deg,
+                           last=np.array([False]))  # fmt: skip
+            (block,) = TrackEncoder062(25, 10).blocks(told)
+            writer.write(message(block, t_ns, content_type=asterix_content_type(62)))
+        writer.close()
+    scored = score_of(tracks_of(tmp_path / "t.csv"), "--truth", reference)
+    assert [each["drone"] for each in scored["drones"]] == ["25.10.7"]
+    assert scored["figures"]["completeness"] > 0.95
+    assert scored["figures"]["position_rms_m"] < 6.0
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".tsv"])
+def test_of_a_truth_without_heights_nothing_is_told_in_space(tmp_path: Path, suffix: str) -> None:
+    """Nor that the tracker's are wrong; and what has no place is counted, and spoils nothing."""
+    delimiter = "," if suffix == ".csv" else "\t"
+    rows = [row.split(",")[:4] for row in tracks_of(tmp_path / "x.csv").read_text().splitlines()]
+    rows[30][2], rows[31][2] = "200.0", "north"
+    reference = tmp_path / f"reference{suffix}"
+    reference.write_text("".join(delimiter.join(row) + "\n" for row in rows))
+    words = (tracks_of(tmp_path / "t.csv"), "--truth", reference)
+    told = score_of(*words)
+    assert told["findings"] == []
+    assert told["figures"]["completeness"] > 0.95
+    for name in ("space_gospa_m", "height_rms_m", "bias_up_m"):
+        assert told["figures"][name] is None
+    assert told["notes"][:2] == [
+        f"reference{suffix}: 2 places of the truth cannot be used",
+        f"reference{suffix} does not tell all heights: nothing is told in space",
+    ]
+    done = plotfeed_here("score", *words, "--set", "dimensions=3")
+    assert done.returncode == 2
+    assert "dimensions = 3: the truth tells no heights" in done.stderr

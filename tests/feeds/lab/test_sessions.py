@@ -73,7 +73,7 @@ SCENE = scene_text(
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("session")
-    return record_session(scene_file(folder, SCENE), folder / "session.mcap", SECONDS)
+    return record_session(load(scene_file(folder, SCENE)), folder / "session.mcap", SECONDS)
 
 
 @pytest.fixture(scope="module")
