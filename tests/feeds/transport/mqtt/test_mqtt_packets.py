@@ -180,57 +180,38 @@ def test_remaining_lengths_are_those_of_the_standards_table(octets: int, length:
 codes = st.sampled_from([0, 1, 0x80, 0x87, 0x97])
 
 
-def properties_of(kind: int, **values: object) -> bytes:
-    found = Properties(kind)
-    for name, value in values.items():
-        if value:
-            setattr(found, name, value)
-    return bytes(found.pack())
-
-
 @st.composite
 def sent_by_a_broker(draw: st.DrawFn, version: int) -> tuple[bytes, BrokerAnswer | Message]:
     """A packet, and what it says: a message has its number as due time."""
     kind = draw(st.sampled_from([0, CONNACK, PUBACK, SUBACK, UNSUBACK, PINGRESP, DISCONNECT]))
-    number, code = draw(ids), draw(codes)
-    told = {"ReasonString": draw(st.just("") | words), "UserProperty": list(draw(pairs))}
-    of_5 = version >= 5
-    if not kind or (kind == DISCONNECT and not of_5):
+    number, code, least = draw(ids), draw(codes), draw(ids)
+    if not kind or (kind == DISCONNECT and version < 5):
         message = draw(messages)
         message.due_utc_ns = number if message.qos else 0
         return publish_packet(message, version, number=number if message.qos else None), message
-    body, said = b"", bytes((code,))
+    properties, numbered, said = b"", number.to_bytes(2, "big"), bytes((code,))
+    if version >= 5 and kind != PINGRESP:
+        told = Properties(kind >> 4)
+        told.ReasonString, told.UserProperty = draw(words), list(draw(pairs)) or [("a", "b")]
+        if kind == CONNACK:
+            told.ReceiveMaximum = told.MaximumPacketSize = told.ServerKeepAlive = least
+        properties = bytes(told.pack()) if draw(st.booleans()) else b"\0"
     if kind == CONNACK:
-        number = 0
-        body = bytes((draw(st.integers(0, 1)), code))
-        if of_5:
-            least = draw(ids)
-            told |= {"ReceiveMaximum": least, "MaximumPacketSize": least, "ServerKeepAlive": least}
-            body += properties_of(PacketTypes.CONNACK, **told)
+        number, body = 0, bytes((draw(st.integers(0, 1)), code)) + properties
     elif kind in (SUBACK, UNSUBACK):
         said = bytes(draw(st.lists(codes, min_size=1, max_size=4)))
-        body = number.to_bytes(2, "big")
-        body += properties_of(kind >> 4, **told) if of_5 else b""
-        body += said
-    elif kind == PUBACK:
-        body, shape = number.to_bytes(2, "big"), draw(st.integers(0, 2)) if of_5 else 0
-        said = said if shape else b"\0"
-        body += said if shape else b""
-        body += properties_of(PacketTypes.PUBACK, **told) if shape == 2 else b""
-    elif kind == DISCONNECT:
-        number, shape = 0, draw(st.integers(0, 2))
-        said = said if shape else b"\0"
-        body = said if shape else b""
-        body += properties_of(PacketTypes.DISCONNECT, **told) if shape == 2 else b""
-    else:
-        number, said = 0, b"\0"
+        body = numbered + properties + said
+    else:  # a reason may be left out, and its properties
+        parts = [said, properties][: draw(st.integers(0, 2)) if properties else 0]
+        said = said if parts else b"\0"
+        number, body = (number, numbered) if kind == PUBACK else (0, b"")
+        body += b"".join(parts)
     return bytes((kind,)) + varint(len(body)) + body, BrokerAnswer(kind, number, said)
 
 
-@st.composite
-def streams(draw: st.DrawFn) -> tuple[int, list[tuple[bytes, BrokerAnswer | Message]]]:
-    version = draw(versions)
-    return version, draw(st.lists(sent_by_a_broker(version), max_size=6))
+streams = versions.flatmap(
+    lambda version: st.tuples(st.just(version), st.lists(sent_by_a_broker(version), max_size=6))
+)
 
 
 def in_pieces(octets: bytes, sizes: list[int]) -> list[bytes]:
@@ -241,7 +222,7 @@ def in_pieces(octets: bytes, sizes: list[int]) -> list[bytes]:
     return [*pieces, octets]
 
 
-@given(streams(), st.lists(st.integers(0, 60), max_size=12))
+@given(streams, st.lists(st.integers(0, 60), max_size=12))
 def test_what_a_broker_says_is_read_however_it_is_cut(
     stream: tuple[int, list[tuple[bytes, BrokerAnswer | Message]]], sizes: list[int]
 ) -> None:
