@@ -28,6 +28,8 @@ SENSORS = ["near", "far", "ünïcödé"]
 LINKS = ["", '{"latency_ms":50.0}']
 FATES = [pb.SENT, pb.LOST, pb.UNDELIVERED, pb.ENDED]
 TOPICS = ["plotfeed/r/plots", "plotfeed/r/asterix/048", "é" * 100]
+SAID_OF_LOOKS = ("range_m", "azimuth_deg", "elevation_deg", "pd")
+TRUE_OF_PLOTS = ("range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s")
 seeds = st.integers(0, 2**32)
 
 
@@ -56,7 +58,6 @@ class Made:
         return self.rng.integers(least, most, n)
 
     def looks(self, n: int, names: int) -> Looks:
-        names_of = ("range_m", "azimuth_deg", "elevation_deg", "pd")
         return Looks(
             drone=self.drones(n, most=names),
             channel=self.rng.integers(-1, 300, n),
@@ -64,7 +65,7 @@ class Made:
             snr=np.abs(np.nan_to_num(self.numbers(n), posinf=1e12)),
             detected=self.rng.random(n) < 0.5,
             emitted_utc_ns=self.times(n) if self.happens() else None,
-            **{name: self.numbers(n) for name in names_of},
+            **{name: self.numbers(n) for name in SAID_OF_LOOKS},
         )
 
     def plots(self, n: int, names: int) -> Plots:
@@ -79,8 +80,7 @@ class Made:
                 for of in drone
             ]
             more["merged_drones"] = merged
-        of = ("true_range_m", "true_azimuth_deg", "true_elevation_deg")
-        columns = {name: self.numbers(n) for name in of}
+        columns = {f"true_{name}": self.numbers(n) for name in TRUE_OF_PLOTS[:3]}
         return Plots.of(drone=drone, t_utc_ns=self.times(n), **columns, **more)
 
     def message(self) -> Message:
@@ -127,10 +127,6 @@ def named(name: str) -> dict[str, Any]:
     return {"other" if "/" in name else "drone": name}
 
 
-def known(**values: float) -> dict[str, float]:
-    return {name: value for name, value in values.items() if not math.isnan(value)}
-
-
 def by_protobuf(batch: Batch, row: int) -> bytes:
     """The entry of a sector, look by look and plot by plot."""
     one, names = batch.one(row), batch.names
@@ -143,12 +139,9 @@ def by_protobuf(batch: Batch, row: int) -> bytes:
     for i in range(len(looks)):
         entry.looks.add(
             **named(names[looks.drone[i]]),
+            **{name: getattr(looks, name)[i] for name in SAID_OF_LOOKS},
             time_utc_ns=int(looks.t_utc_ns[i]),
-            range_m=looks.range_m[i],
-            azimuth_deg=looks.azimuth_deg[i],
-            elevation_deg=looks.elevation_deg[i],
             snr_db=snr_db[i],
-            pd=looks.pd[i],
             detected=bool(looks.detected[i]),
             channel=int(looks.channel[i]),
         )
@@ -157,42 +150,36 @@ def by_protobuf(batch: Batch, row: int) -> bytes:
     for i in range(len(plots)):
         truth: dict[str, Any] = {}
         if plots.drone[i] != FALSE_ALARM:
-            truth = named(names[plots.drone[i]]) | known(
-                range_m=plots.true_range_m[i],
-                azimuth_deg=plots.true_azimuth_deg[i],
-                elevation_deg=plots.true_elevation_deg[i],
-            )
-        if plots.true_range_rate_m_s is not None:
-            truth |= known(range_rate_m_s=plots.true_range_rate_m_s[i])
+            truth = named(names[plots.drone[i]])
+            columns = {name: getattr(plots, f"true_{name}") for name in TRUE_OF_PLOTS}
+            truth |= {
+                name: column[i]
+                for name, column in columns.items()
+                if column is not None and not math.isnan(column[i])
+            }
         if plots.merged_drones is not None:
             truth["merged_drones"] = [names[drone] for drone in plots.merged_drones[i]]
         entry.plots.add(time_utc_ns=int(plots.t_utc_ns[i]), **truth)
     return entry.SerializeToString(deterministic=True)
 
 
-def read(kept: Sequence[Kept]) -> list[bytes]:
-    """What is read back of sectors, sector by sector."""
-    payloads = [message.payload for message in ledger_messages("p", kept)]
-    entries = [entry for payload in payloads for entry in entries_in(payload)]
-    return [entry.SerializeToString(deterministic=True) for entry in entries]
+lists = st.just(NAMES) | st.lists(st.text(max_size=6), min_size=1, max_size=5)
 
 
-@given(seeds, st.sampled_from([1, 900, 900_000]))
-def test_what_is_read_of_sectors_is_what_protobuf_makes_of_them(seed: int, most: int) -> None:
-    """Of several batches in any order, in one message or in as many as there are sectors."""
+@given(seeds, st.sampled_from([1, 900, 900_000]), st.lists(lists, min_size=1, max_size=4))
+def test_what_is_read_of_sectors_is_what_protobuf_makes_of_them(
+    seed: int, most: int, names_of: list[list[str]]
+) -> None:
+    """Of several batches in any order, each with drones of its own, in a message or in many."""
     made = Made(seed)
-    kept = made.kept()
+    kept = [each for names in names_of for each in made.kept(names)]
     kept = [kept[i] for i in made.rng.permutation(len(kept))]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(writing, "MOST_OCTETS", most)
-        assert read(kept) == [by_protobuf(*each) for each in kept]
-
-
-@given(seeds, st.lists(st.lists(st.text(max_size=6), min_size=1, max_size=5), min_size=1))
-def test_rows_may_be_other_drones_of_another_list(seed: int, lists: list[list[str]]) -> None:
-    made = Made(seed)
-    kept = [each for names in lists[:4] for each in made.kept(names)]
-    assert read(kept) == [by_protobuf(*each) for each in kept]
+        payloads = [message.payload for message in ledger_messages("p", kept)]
+    entries = [entry for payload in payloads for entry in entries_in(payload)]
+    found = [entry.SerializeToString(deterministic=True) for entry in entries]
+    assert found == [by_protobuf(*each) for each in kept]
 
 
 @given(seeds)
