@@ -1,8 +1,14 @@
-"""What bench_asterix.py encodes: our items by path, and the same ones as libasterix has them."""
+"""Records that benchmarks encode: our items by path, and the same ones as libasterix has them."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.encode import Encoder
 
 SAC, SIC = 25, 3
 SOURCE = (("SAC", SAC), ("SIC", SIC))
@@ -120,6 +126,26 @@ CASES = {
         },
     ),
 }
+
+
+def encoded(number: int, records: int) -> tuple[Encoder, dict[str, NDArray[Any]]]:
+    """What encodes a category's case, and as many records by column."""
+    case, name = CASES[number], f"I{number:03}/"
+    constants = {"010/SAC": SAC, "010/SIC": SIC} | case.constants
+    encoder = Encoder(
+        CATEGORIES[number],
+        [name + path for path in case.paths.split()],
+        constants={name + path: value for path, value in constants.items()},
+    )
+    rng = np.random.default_rng(1)
+    columns = {
+        name + path: rng.integers(low, high, records, endpoint=True)
+        if isinstance(low, int)
+        else rng.uniform(low, high, records)
+        for path, (low, high) in case.columns.items()
+    }
+    assert tuple(sorted(columns)) == tuple(sorted(encoder.columns)), encoder.columns
+    return encoder, columns
 
 
 def theirs(category: int, v: list[Any]) -> dict[str, Any]:  # noqa: PLR0911 - one for each

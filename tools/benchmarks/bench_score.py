@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
-from aims import aim, ratios, spread
+from aims import aim, ratios, spread, table
 from scipy.spatial.distance import cdist
 
 from plotfeed.feeds.lab.flights import Truths
@@ -120,15 +119,12 @@ def main(seconds: int) -> None:
         "without OSPA(2) and T-GOSPA": ScoreSettings(cutoff_m=CUTOFF_M, window_steps=0),
     }
     print(f"Seconds of processor time for an hour of {DRONES} drones, median (least to most) of")
-    print(
-        f"{REPEATS}, from {seconds} s. {platform.machine()}, {os.cpu_count()} cores; Python",
-        end=" ",
-    )
-    print(f"{platform.python_version()}.\n\n| score | s |\n|---|--:|")
-    found = {}
-    for name, settings in how.items():
-        found[name] = [seconds_an_hour(truths, tracks, settings, seconds) for _ in range(REPEATS)]
-        print(f"| {name} | {spread(found[name])} |", flush=True)
+    print(f"{REPEATS}, from {seconds} s.\n")
+    found = {
+        name: [seconds_an_hour(truths, tracks, settings, seconds) for _ in range(REPEATS)]
+        for name, settings in how.items()
+    }
+    table(("score", "s"), ((name, spread(each)) for name, each in found.items()))
     print()
     whole = found["all figures"]
     is_met = sorted(whole)[len(whole) // 2] <= AIM_S

@@ -10,21 +10,17 @@ which is in the other figures.
 
 from __future__ import annotations
 
-import os
-import platform
 import statistics
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from subprocess import DEVNULL
 
-import numpy as np
-from aims import aim, processor_s, ratios, spread
-from asterix_cases import CASES, SAC, SIC
+from aims import aim, processor_s, ratios, spread, table
+from asterix_cases import encoded
 
-from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
+from plotfeed.proto.asterix.codec.encode import blocks_of
 
 RECORDS = 50_640
 REPEATS = 3
@@ -64,38 +60,20 @@ STEPS: dict[str, tuple[Sequence[str], Sequence[str], Sequence[str]]] = {
 
 def file_of(number: int, records: int) -> bytes:
     """Blocks of records that have the items which the report encoders send."""
-    case, name = CASES[number], f"I{number:03}/"
-    encoder = Encoder(
-        CATEGORIES[number],
-        [name + path for path in case.paths.split()],
-        constants={
-            name + path: value
-            for path, value in ({"010/SAC": SAC, "010/SIC": SIC} | case.constants).items()
-        },
-    )
-    rng = np.random.default_rng(1)
-    columns = {
-        name + path: rng.integers(low, high, records, endpoint=True)
-        if isinstance(low, int)
-        else rng.uniform(low, high, records)
-        for path, (low, high) in case.columns.items()
-    }
+    encoder, columns = encoded(number, records)
     octets, length = encoder.records(columns), encoder.record_length
     return b"".join(blocks_of(number, octets, length, 3 + ROWS_A_BLOCK * length))
 
 
 def main(records: int) -> None:
     """Measures and prints a table."""
-    has_theirs = DECODER.exists()
+    has_theirs, aims = DECODER.exists(), []
     print(f"Seconds of processor time for {records} records: median (least to most) of {REPEATS}")
-    print(f"repeats. {platform.machine()}, {os.cpu_count()} cores; Python", end=" ")
-    print(f"{platform.python_version()}.\n")
-    print("| category | what | plotfeed | asterix-decoder | ratio |")
-    print("|--:|---|--:|--:|--:|")
-    aims = []
-    with tempfile.TemporaryDirectory() as folder:
+    print("repeats.\n")
+
+    def rows(folder: Path) -> Iterator[tuple[str, ...]]:
         for number in MEASURED:
-            path = Path(folder) / f"{number:03d}.ast"
+            path = folder / f"{number:03d}.ast"
             path.write_bytes(file_of(number, records))
             for what, (ours, options, theirs) in STEPS.items():
                 mine, others = [], []
@@ -103,16 +81,15 @@ def main(records: int) -> None:
                     mine.append(processor_s([*ours, path, *options], stdout=DEVNULL))
                     if theirs and has_theirs:
                         others.append(processor_s([*theirs, path], stdout=DEVNULL))
-                print(_line(number, what, mine, others), flush=True)
+                beside = (others, ratios(others, mine)) if others else ()
+                cells = (spread(mine), *map(spread, beside), *("", "")[len(beside) :])
+                yield f"{number:03}", what, *cells
                 if what == "decode" and others:
                     aims.append(_aim(number, mine, others))
+
+    with tempfile.TemporaryDirectory() as folder:
+        table(("category", "what", "plotfeed", "asterix-decoder", "ratio"), rows(Path(folder)), 2)
     print("\n" + "\n".join(aims) if aims else "")
-
-
-def _line(number: int, what: str, mine: list[float], others: list[float]) -> str:
-    theirs = spread(others) if others else ""
-    faster = spread(ratios(others, mine)) if others else ""
-    return f"| {number:03} | {what} | {spread(mine)} | {theirs} | {faster} |"
 
 
 def _aim(number: int, mine: list[float], others: list[float]) -> str:

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from aims import aim, processor_s, ratios, spread
+from aims import aim, processor_s, ratios, spread, table
 from bench_engine import radars, scene_text
 from demo_process import COMMAND, demo, subscriber
 
@@ -108,16 +108,17 @@ def _measure() -> None:
         ours = modules(one)
     print("Seconds from the start of the process, and times what Python takes that loads NumPy and")
     print("ends, in turns: median (least to most).\n")
-    print("| | s | × NumPy | repeats |\n|---|--:|--:|--:|")
-    for what, values, beside in (
+    rows = (
         ("`plotfeed --help`, to its end", helps, beside_help),
         ("`plotfeed demo`, to the first sector at a subscriber", sectors, beside_demo),
         ("`plotfeed demo`, to the first plot at a subscriber", plots, beside_demo),
         ("one radar, processor time", alone, beside_start),
         (f"{RADARS} radars, processor time", starts, beside_start),
-    ):
-        times = spread(ratios(values, beside), ".1f")
-        print(f"| {what} | {spread(values)} | {times} | {len(values)} |")
+    )
+    table(
+        ("", "s", "× NumPy", "repeats"),
+        ((what, spread(s), spread(ratios(s, beside), ".1f"), len(s)) for what, s, beside in rows),
+    )
     print()
     for what, values, aim_s in (
         ("`plotfeed --help`", helps, AIM_HELP_S),

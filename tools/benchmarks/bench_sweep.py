@@ -9,15 +9,13 @@ last is measured.
 
 from __future__ import annotations
 
-import os
-import platform
 import statistics
 import sys
 import time
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from aims import aim, ratios, spread
+from aims import aim, ratios, spread, table
 
 from plotfeed.feeds.lab.runs import RunJob
 from plotfeed.feeds.lab.runs import spread as spread_over
@@ -48,12 +46,9 @@ def main(repeats: int) -> None:
         for _ in range(repeats):
             for processes, found in by.items():
                 found.append(runs_a_minute(levels, processes))
-    print(f"Median (least to most) of {repeats} repeats of {RUNS * len(levels)} runs.", end=" ")
-    print(f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}.\n")
-    print("| processes | runs a minute | times one process |")
-    print("|--:|--:|--:|")
-    for processes, found in by.items():
-        print(f"| {processes} | {spread(found, ',.0f')} | {spread(ratios(found, by[1]))} |")
+    print(f"Median (least to most) of {repeats} repeats of {RUNS * len(levels)} runs.\n")
+    rows = ((n, spread(each, ",.0f"), spread(ratios(each, by[1]))) for n, each in by.items())
+    table(("processes", "runs a minute", "times one process"), rows, 0)
     times = ratios(by[2], by[1])
     found = f"{spread(times)} times"
     print("\n" + aim("a sweep by two processes", f"at least {AIM} times one", found,
