@@ -26,7 +26,7 @@ from plotfeed.models.beam import (
     passes_between,
     time_after_share_ns,
 )
-from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
+from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.cueing import (
     HOME,
     Aim,
@@ -281,27 +281,6 @@ def drawn(rng: Any, n: int) -> list[Any]:
         half, rng.standard_exponential((n,)), rng.standard_gamma(16, (n,)),
         rng.standard_normal((3, n)),
     ]  # fmt: skip
-
-
-def test_draws_of_sensors_that_stare_are_those_of_each_alone() -> None:
-    counts = [5, 0, 1, 12]
-    sensor = np.repeat(np.arange(4), counts)
-    orders = np.random.default_rng(1).uniform(1, 9, len(sensor))
-
-    def generators() -> list[np.random.Generator]:
-        return [Chance(3, f"s{i}").rng(Purpose.DETECTION, 9) for i in range(4)]
-
-    together = DrawsBySensor(generators(), sensor)
-    odd = np.arange(len(sensor)) % 2 == 1
-    found = [*drawn(together, len(sensor)), together.standard_gamma(orders, (len(sensor),))]
-    found.append(together.rows(odd).standard_normal((2, int(odd.sum()))))
-    for i, alone in enumerate(generators()):
-        mine = sensor == i
-        own = [*drawn(alone, counts[i]), alone.standard_gamma(orders[mine], None)]
-        own.append(alone.standard_normal((2, int((mine & odd).sum()))))
-        for all_of_them, of_one in zip(found[:-1], own[:-1], strict=True):
-            np.testing.assert_array_equal(all_of_them[..., mine], of_one)
-        np.testing.assert_array_equal(found[-1][..., mine[odd]], own[-1])
 
 
 def normals(chance: Chance, key: tuple[Purpose, int, int], n: int = 8) -> Floats:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +26,12 @@ from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.decode_cooperative import UasReport, read_129
-from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
 from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, radar, scene, waypoint
 
-DATUM = {"geoid_undulation_m": 51.0}
+UNDULATION_M = 51.0
+DATUM = {"geoid_undulation_m": UNDULATION_M}
+PATH = (waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0))
 QUIET = radar(scan={"kind": "staring", "period_s": 30.0}, report=["plots"])
 CONTROL = "plotfeed/control"
 FAR = {"east_m": 9000.0, "north_m": -4000.0, "above_site_m": 300.0}
@@ -40,18 +40,17 @@ FAR = {"east_m": 9000.0, "north_m": -4000.0, "above_site_m": 300.0}
 def claiming(
     *faults: dict[str, Any], cooperative: dict[str, Any] | None = None, **more: Any
 ) -> Scene:
-    drone = flown("a", waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0), claim=faults)
+    drone = flown("a", *PATH, claim=faults)
     said = {"report": ["json"]} | (cooperative or {})
     return scene([QUIET], [drone | more], seed=41, telemetry=DATUM, cooperative=said)
 
 
-def claimed(road: Feed, drone: str = "a") -> dict[int, PositionReport]:
-    """What it said, by when it was due, seconds from the start."""
-    topic = f"plotfeed/claimed/{drone}"
+def claimed(road: Feed) -> dict[int, PositionReport]:
+    """What drone a said, by when it was due, seconds from the start."""
     return {
         (m.due_utc_ns - START_NS) // NS: decode(m.payload, m.content_type)
         for m in road.messages
-        if m.topic == topic
+        if m.topic == "plotfeed/claimed/a"
     }
 
 
@@ -89,14 +88,11 @@ def test_what_is_claimed_is_telemetry_and_true_without_a_fault(form: str) -> Non
 
 
 def test_sensors_see_the_drone_where_it_is_whatever_it_says() -> None:
-    seen = [radar(report=["plots"])]
-    path = [waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)]
-    spoof = {"from_s": 0.0, "spoof": FAR}
-    makes = [
-        scene(seen, [flown("a", *path, claim=claim)], seed=42, cooperative={}, telemetry=DATUM)
-        for claim in ([], [spoof])
-    ]
-    first, second = (fly(made, 10.0).payloads("radar/plots") for made in makes)
+    first, second = (
+        fly(scene([radar(report=["plots"])], [flown("a", *PATH, claim=claim)], seed=42,
+                  cooperative={}, telemetry=DATUM), 10.0).payloads("radar/plots")
+        for claim in ([], [{"from_s": 0.0, "spoof": FAR}])
+    )  # fmt: skip
     assert first == second
 
 
@@ -156,7 +152,7 @@ def test_a_walk_spreads_as_the_square_root_of_time() -> None:
     """By the differences of many drones' errors."""
     swarm = {
         "id": "s", "number": 60, "formation": {"kind": "grid", "spacing_m": 10.0},
-        "path": [waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)], "speed_m_s": 10.0,
+        "path": PATH, "speed_m_s": 10.0,
         "claim": [{"from_s": 0.5, "walk_m": 2.0}],
     }  # fmt: skip
     made = scene(
@@ -216,7 +212,7 @@ async def flown_with(made: Scene, *observers: Observer) -> Feed:
 async def test_commands_act_at_once_are_recorded_and_run_again_to_the_bit(tmp_path: Path) -> None:
     made = scene(
         [radar(report=["plots"])],
-        [flown("a", waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0))],
+        [flown("a", *PATH)],
         seed=44,
         telemetry=DATUM,
         cooperative={"report": ["json"], "accuracy_m": 1.0},
@@ -250,8 +246,7 @@ async def test_commands_act_at_once_are_recorded_and_run_again_to_the_bit(tmp_pa
 
 @pytest.mark.asyncio
 async def test_a_command_to_one_that_says_nothing_is_refused() -> None:
-    path = [waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)]
-    made = scene([QUIET], [flown("a", *path)], seed=45, telemetry=DATUM)
+    made = scene([QUIET], [flown("a", *PATH)], seed=45, telemetry=DATUM)
     road = await flown_with(made, Commands((1.0, {"drone": "a", "claim": {"freeze": True}})))
     (refusal,) = road.payloads("errors")
     assert "drone 'a' says nothing: it is not [cooperative]" in json.loads(refusal)["detail"]
@@ -260,14 +255,13 @@ async def test_a_command_to_one_that_says_nothing_is_refused() -> None:
 # Drones that report themselves in 129, and a second session that takes what they say.
 
 
-UNDULATION_M = 51.0
 TOPIC = "plotfeed/cooperative/asterix/129"
 MIDNIGHT_NS = (START_NS // (86_400 * NS) + 1) * 86_400 * NS
 
 
 def drones() -> list[dict[str, Any]]:
     return [
-        flown("a", waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)),
+        flown("a", *PATH),
         flown("b", waypoint(30.0, 5.0, 1000.0), waypoint(20.0, 15.0, 2000.0), speed_m_s=22.0),
         held("c", 100.0, 5.0, 2000.0, start_s=10.0),
     ]
@@ -287,21 +281,17 @@ def reports(road: Feed) -> dict[str, list[UasReport]]:
 
 
 def test_the_table_changes_nothing_else() -> None:
+    """Of sectors: what cooperative drones say is told in messages of the same turns."""
     quiet, loud = (fly(each, 20.0) for each in (flight(), flight({"accuracy_m": 3.0})))
 
     def said(road: Feed) -> list[Message]:
         own = [m for m in road.messages if ("source", "plotfeed/cooperative") not in m.properties]
         return [m for m in own if not m.topic.endswith(("status", "truth", TOPIC))]
 
-    def told(road: Feed) -> list[pb.Ledger]:
-        """Of sectors: what cooperative drones say is told in messages of the same turns."""
-        payloads = [m.payload for m in road.messages if m.topic.endswith("truth")]
-        entries = [entry for payload in payloads for entry in entries_in(payload)]
-        return [entry for entry in entries if entry.sensor == "radar"]
-
+    told = [[e for e in road.ledgers if e.sensor == "radar"] for road in (quiet, loud)]
     assert said(loud) == said(quiet)
-    assert len(told(quiet)) == 20
-    assert told(loud) == told(quiet)
+    assert len(told[0]) == 20
+    assert told[0] == told[1]
 
 
 def test_reports_come_at_whole_periods_from_those_that_are_there() -> None:
@@ -325,17 +315,6 @@ def test_only_those_named_report() -> None:
     assert set(reports(fly(flight({"drones": ["b"]}), 5.0))) == {"b"}
 
 
-def true_path(t_utc_ns: list[int]) -> tuple[Floats, Floats]:
-    """Where a and b are at those times, ECEF, and how fast."""
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(flight(), trajectories, t_utc_ns[0])
-    states = [trajectories.state_at(t, np.arange(2)) for t in t_utc_ns]
-    return (
-        np.array([s.position_ecef_m for s in states]),
-        np.array([s.velocity_ecef_m_s for s in states]),
-    )
-
-
 @pytest.mark.parametrize("start_ns", [START_NS, MIDNIGHT_NS - 10 * NS])
 def test_a_second_session_sees_the_same_path_to_the_steps_of_129(start_ns: int) -> None:
     """Also over midnight. Steps: 180/2^30 degrees, 0.1 m, 0.01 m/s."""
@@ -351,45 +330,25 @@ def test_a_second_session_sees_the_same_path_to_the_steps_of_129(start_ns: int) 
         )
         assert refusal is None
     assert taken.names == ["a", "b"]
-    times_ns = [start_ns + k * NS // 4 for k in range(4, 80)]
-    position_m, velocity_m_s = true_path([start_ns, *times_ns])
-    for k, t_ns in enumerate(times_ns, 1):
-        state = taken.state_at(t_ns, np.arange(2))
-        off_m = SITE.rotate_from_ecef(state.position_ecef_m - position_m[k])
+    truth = Trajectories(stale_after_s=3.0)
+    launch(flight(), truth, start_ns)
+    for t_ns in (start_ns + k * NS // 4 for k in range(4, 80)):
+        state, true = (each.state_at(t_ns, np.arange(2)) for each in (taken, truth))
+        off_m = SITE.rotate_from_ecef(state.position_ecef_m - true.position_ecef_m)
         assert np.abs(off_m[:, :2]).max() < 0.015
         assert np.abs(off_m[:, 2]).max() < 0.055
-        assert np.abs(state.velocity_ecef_m_s - velocity_m_s[k]).max() < 0.5  # heights in steps
-        if t_ns % NS == 0:
-            assert np.abs(state.velocity_ecef_m_s - velocity_m_s[k]).max() < 0.01
-
-
-@cache
-def noisy() -> Feed:
-    fixed = [held("c", 100.0, 5.0, 2000.0)]
-    return fly(
-        scene(
-            [radar(report=["plots"], scan={"kind": "staring", "period_s": 60.0})],
-            fixed,
-            seed=223,
-            telemetry=DATUM,
-            cooperative={"accuracy_m": 4.0, "period_s": 0.25},
-        ),
-        300.0,
-    )
+        # Heights come in steps, from which velocities between reports follow.
+        most_m_s = 0.5 if t_ns % NS else 0.01
+        assert np.abs(state.velocity_ecef_m_s - true.velocity_ecef_m_s).max() < most_m_s
 
 
 def test_errors_are_normal_and_new_each_time() -> None:
     """Within the steps of the category, 2 cm and 10 cm, beside 4 m."""
-    said = reports(noisy())["c"]
-    place = waypoint(100.0, 5.0, 2000.0)
-    frame = LocalFrame(**place)
-    errors_m = frame.from_ecef(
-        geodetic_to_ecef(
-            [r.latitude_deg for r in said],
-            [r.longitude_deg for r in said],
-            [r.altitude_m + UNDULATION_M for r in said],
-        )
-    )
+    fixed, said_by = [held("c", 100.0, 5.0, 2000.0)], {"accuracy_m": 4.0, "period_s": 0.25}
+    made = scene([QUIET], fixed, seed=223, telemetry=DATUM, cooperative=said_by)
+    said = reports(fly(made, 300.0))["c"]
+    place = np.array([[r.latitude_deg, r.longitude_deg, r.altitude_m + UNDULATION_M] for r in said])
+    errors_m = LocalFrame(**waypoint(100.0, 5.0, 2000.0)).from_ecef(geodetic_to_ecef(*place.T))
     for axis in range(3):
         assert_standard_normal(errors_m[:, axis] / 4.0, f"axis {axis}")
         assert_uncorrelated(errors_m[1:, axis], errors_m[:-1, axis])

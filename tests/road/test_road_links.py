@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from typing import Any
 
@@ -107,7 +108,7 @@ def test_a_sensor_that_is_switched_off_says_nothing_but_its_status() -> None:
     assert not [t for t in due_s if 4.02 < t <= 7.0]
     assert any(7.0 < t < 7.2 for t in due_s)
     states = [m.payload for m in road.messages if m.topic.endswith("radar/status")]
-    assert any(b'"enabled": false' in s or b'"enabled":false' in s for s in states)
+    assert False in {json.loads(state)["enabled"] for state in states}
 
 
 def test_a_session_that_ends_by_itself_delivers_what_its_links_hold() -> None:
@@ -121,16 +122,11 @@ def test_duplicates_and_corrupted_octets_are_those_that_the_ledger_names() -> No
     flipped = {s.number: s.flipped_bit for s in sent(road) if s.HasField("flipped_bit")}
     plain, other = told(flight(None, 20.0)), told(road)
     assert len(plain) == len(other)
-    for number, ((topic, payload), (topic_then, payload_then)) in enumerate(
-        zip(plain, other, strict=True)
-    ):
-        assert topic == topic_then
-        if number not in flipped:
-            assert payload == payload_then
-            continue
-        octets = bytearray(payload)
-        octets[flipped[number] // 8] ^= 0x80 >> flipped[number] % 8
-        assert bytes(octets) == payload_then
+    for number, (one, then) in enumerate(zip(plain, other, strict=True)):
+        octets = bytearray(one[1])
+        if number in flipped:
+            octets[flipped[number] // 8] ^= 0x80 >> flipped[number] % 8
+        assert (one[0], bytes(octets)) == then
     assert len(flipped) > 100
 
 

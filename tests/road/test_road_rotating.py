@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.significance import Array, assert_standard_normal
+from support.significance import Array
 from support.targets import add_sample
 
 from plotfeed import Engine
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
+from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.state import Signature
 from plotfeed.proto.utc import NS
 from plotfeed.testing import (
-    SITE,
     START_NS,
     Feed,
     FeedTable,
@@ -157,49 +156,6 @@ def test_the_last_of_any_number_of_sectors_ends_at_north(sectors: int) -> None:
     assert kinds == [2] * (sectors - 1) + [1, 2]
     assert records[-1].get("I034/020") == 0
     assert records[-2].get("I034/030") == records[-1].get("I034/030")
-
-
-def straight(period_s: float) -> tuple[FeedTable, Array]:
-    """Detections of a drone on one straight line, and where it was at any of their times."""
-    ends = [waypoint(80.0, 3.0, 600.0), waypoint(117.0, 3.0, 600.0)]
-    sensor = radar(scan=rotating(period_s, 8))
-    drone = flown("d", *ends, speed_m_s=30.0)
-    plots = fly(scene([sensor], [drone], seed=63), 320 * period_s).plots()
-    places = np.array(
-        [geodetic_to_ecef(e["latitude_deg"], e["longitude_deg"], e["height_m"]) for e in ends]
-    )
-    return plots.rows(plots.drone == "d"), places
-
-
-def place_at(places: Array, t_utc_ns: Array) -> tuple[Array, Array, Array]:
-    """Azimuth, elevation, range of a drone that flies to and fro between two places at 30 m/s."""
-    leg_s = np.linalg.norm(places[1] - places[0]) / 30.0
-    phase = (t_utc_ns - START_NS) / NS / leg_s % 2
-    there = places[0] + (1 - np.abs(1 - phase))[:, None] * (places[1] - places[0])
-    return enu_to_aer(SITE.from_ecef(there))
-
-
-def test_a_plot_lies_where_the_drone_was_when_the_beam_was_there() -> None:
-    """Against a path worked out apart; a whole turn's flight of error if the scan had one time."""
-    period_s = 2.0
-    plots, places = straight(period_s)
-    azimuth_deg, elevation_deg, range_m = place_at(places, plots.time_utc_ns)
-    np.testing.assert_allclose(plots.true_range_m, range_m, rtol=0, atol=1e-4)
-    off_deg = wrap_180(plots.true_azimuth_deg - azimuth_deg)
-    np.testing.assert_allclose(off_deg, 0, atol=1e-5)
-    off_deg = wrap_180(plots.azimuth_deg - azimuth_deg)
-    assert_standard_normal((plots.range_m - range_m) / plots.sigma_range_m, "range")
-    assert_standard_normal(off_deg / plots.sigma_azimuth_deg, "azimuth")
-    assert_standard_normal((plots.elevation_deg - elevation_deg) / plots.sigma_elevation_deg, "el")
-
-    turn_ends_ns = (plots.scan + 1) * round(period_s * NS)
-    late_s = (turn_ends_ns - plots.time_utc_ns) / NS
-    at_end = aer_to_enu(*place_at(places, turn_ends_ns))
-    moved_m = np.linalg.norm(at_end - aer_to_enu(azimuth_deg, elevation_deg, range_m), axis=1)
-    assert np.median(moved_m) > 0.9 * 30.0 * np.median(late_s) > 30
-    measured = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    true = aer_to_enu(azimuth_deg, elevation_deg, range_m)
-    assert np.median(np.linalg.norm(measured - true, axis=1)) < 1.0
 
 
 def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:

@@ -12,7 +12,6 @@ from support.asterix_readers import items_of, read_blocks, values_of
 from support.every_kind import MIMO, PASSIVE
 
 from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.tracks import AlphaBeta
 from plotfeed.proto.asterix.codec.decode import Record
 from plotfeed.proto.utc import NS
 from plotfeed.testing import (
@@ -67,8 +66,7 @@ def drones() -> list[dict[str, Any]]:
 
 @cache
 def road() -> Feed:
-    sensors = [SENSORS[0], *SENSORS[1:]]
-    return fly(scene(sensors, drones(), seed=211), float(TURNS))
+    return fly(scene(SENSORS, drones(), seed=211), float(TURNS))
 
 
 def lives(sensor: str) -> dict[int, list[Record]]:
@@ -104,53 +102,6 @@ def test_every_life_begins_and_goes_on_without_a_hole(sensor: str) -> None:
         times_s = told(records, "I062/070")
         assert np.diff(times_s).max(initial=0.0) <= 1.5
         assert lasts[-1] or times_s[-1] >= last_s - 1.5, number
-
-
-def test_a_track_begins_with_three_detections_in_five_looks_and_ends_with_five_misses() -> None:
-    """The staring radar, by the ledger: its looks at a drone are its scans."""
-    looks = road().looks("flat")
-    begun, ended = set(), set()
-    for drone in np.unique(looks.drone):
-        mine = looks.rows(looks.drone == drone)
-        detected = dict(zip(mine.scan.tolist(), mine.detected.tolist(), strict=True))
-        window: list[bool] = []
-        tracked, misses = False, 0
-        for scan in range(int(looks.scan.min()), int(looks.scan.max()) + 1):
-            window = [*window[-4:], bool(detected.get(scan))]
-            misses = 0 if window[-1] else misses + 1
-            if not tracked and window[-1] and sum(window) >= 3:
-                tracked = True
-                begun.add((scan, str(drone)))
-            if tracked and misses == 5:
-                tracked, window = False, []
-                ended.add((scan, str(drone)))
-    records = road().records("flat", 62)
-    assert len(begun) > 30
-    assert len(ended) > 5
-    for flag, expected in (("TSB", begun), ("TSE", ended)):
-        said = sorted(r.get("I062/070") for r in records if r.get(f"I062/080/{flag}"))
-        # The looks of scan k are at its end, k + 1 periods of a second since 1970.
-        assert said == sorted((scan + 1) % 86_400 for scan, _ in expected)
-
-
-def test_the_gates_tracks_lie_about_the_truth_as_the_filter_says() -> None:
-    design = AlphaBeta(2.0)
-    sigma_m = 20.0 * float(design.position_variance(0)) ** 0.5
-    still = waypoint(0.0, 10.0, 1500.0)
-    true_m = SITE.from_ecef(geodetic_to_ecef(*still.values()))
-    (records,) = (
-        r for r in lives("gate").values() if abs(told(r[:1], "I062/100/Y")[0] - true_m[1]) < 150
-        and abs(told(r[:1], "I062/100/X")[0]) < 150 and len(r) == 2 * TURNS
-    )  # fmt: skip
-    for path, at_m in (("I062/100/X", true_m[0]), ("I062/100/Y", true_m[1])):
-        errors = (told(records, path) - at_m) / sigma_m
-        # 240 values, of which some 60 count as independent: 4.5 sigma of their mean and spread.
-        assert abs(errors.mean()) < 4.5 / 60**0.5
-        assert abs(errors.std() - 1) < 4.5 / 120**0.5
-        kept = np.exp(-1 / 2.0)
-        lag_one = np.corrcoef(errors[1:], errors[:-1])[0, 1]
-        assert abs(lag_one - kept) < 4.5 * np.sqrt((1 - kept**2) / len(errors))
-    np.testing.assert_allclose(told(records, "I062/500/APC/X"), sigma_m, rtol=0.05)
 
 
 def test_both_positions_are_one() -> None:
