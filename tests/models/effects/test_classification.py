@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from support.significance import assert_law
 
@@ -20,12 +22,7 @@ def test_what_the_matrix_does_not_name_is_called_nothing_or_what_otherwise_says(
     kinds, probability = MATRIX.claimed(true, np.random.default_rng(4))
     assert set(kinds) == {""}
     assert np.isnan(probability).all()
-    named = Confusion(
-        claims=MATRIX.claims,
-        true_classes=MATRIX.true_classes,
-        rows=MATRIX.rows,
-        otherwise=(0.0, 1.0, 0.0),
-    )
+    named = replace(MATRIX, otherwise=(0.0, 1.0, 0.0))
     assert set(named.claimed(true, np.random.default_rng(4))[0]) == {"bird"}
 
 
@@ -46,15 +43,13 @@ HELD_NS = 10_000_000_000
 
 
 def draws_at(seconds: np.ndarray, drone: np.ndarray) -> np.ndarray:
-    draws = ClaimDraws([Chance(1, "radar")])
-    return draws.of(
-        np.zeros(len(drone), np.int64), drone, (seconds * 1e9).astype(np.int64), HELD_NS
-    )
+    draws, t_ns = ClaimDraws([Chance(1, "radar")]), (seconds * 1e9).astype(np.int64)
+    return draws.of(np.zeros(len(drone), np.int64), drone.astype(np.int64), t_ns, HELD_NS)
 
 
 def test_held_numbers_stay_for_their_time_and_change_at_times_of_each_drone() -> None:
     seconds, drone = (a.ravel() for a in np.meshgrid(np.arange(100.0), np.arange(8)))
-    found = draws_at(seconds, drone.astype(np.int64)).reshape(8, 100)
+    found = draws_at(seconds, drone).reshape(8, 100)
     changes = [np.flatnonzero(np.diff(of_drone)) for of_drone in found]
     assert all((np.diff(of_drone) == HELD_NS / 1e9).all() for of_drone in changes)
     assert len({int(of_drone[0]) for of_drone in changes}) > 4
@@ -62,7 +57,7 @@ def test_held_numbers_stay_for_their_time_and_change_at_times_of_each_drone() ->
 
 def test_held_numbers_are_uniform_over_drones_and_spells_whatever_else_is_asked() -> None:
     spells, drone = (a.ravel() for a in np.meshgrid(np.arange(60.0) * 10, np.arange(60)))
-    found = draws_at(spells, drone.astype(np.int64))
+    found = draws_at(spells, drone)
     assert_law(found, "uniform", "held")
     some = np.arange(0, len(drone), 7)
     np.testing.assert_array_equal(found[some], draws_at(spells[some], drone[some]))

@@ -18,14 +18,8 @@ velocities = st.tuples(speeds, speeds, speeds)
 
 
 def doppler(**changes) -> Doppler:
-    keys = {
-        "cells_m_s": (0.25,),
-        "spans_m_s": (40.0,),
-        "folds": True,
-        "notch_m_s": 1.0,
-        "floors_m_s": (0.0,),
-    }
-    return Doppler(**(keys | changes))
+    keys = {"cells_m_s": (0.25,), "spans_m_s": (40.0,), "floors_m_s": (0.0,), "folds": True}
+    return Doppler(**(keys | {"notch_m_s": 1.0} | changes))
 
 
 @given(triples, velocities, triples)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import fresnel
 
+from plotfeed.models.clutter import inside
 from plotfeed.models.effects.line_of_sight import (
     EARTH_RADIUS_M,
     OPAQUE,
@@ -38,6 +39,13 @@ def test_behind_an_edge_it_is_fresnels_integral_within_what_the_recommendation_s
     assert np.abs(knife_edge_loss_db(nu) - by_fresnel_db(nu)).max() < 0.14
 
 
+def tile(heights_m, north_deg, west_deg, step_deg=1.0, **more) -> ElevationTile:
+    steps = {"row_step_deg": step_deg, "column_step_deg": step_deg}
+    return ElevationTile(
+        heights_m=heights_m, north_deg=north_deg, west_deg=west_deg, **steps, **more
+    )
+
+
 def rough() -> Ground:
     """Hills of some 150 m, a kilometre apart."""
     rng = np.random.default_rng(5)
@@ -47,85 +55,59 @@ def rough() -> Ground:
         y, x = rng.uniform(0, 20, 2)
         bump = np.exp(-((row - y) ** 2 + (column - x) ** 2) / 0.6)
         height_m += rng.uniform(0, 150) * bump
-    return Ground([ElevationTile(heights_m=height_m, north_deg=40.6, west_deg=-3.6,
-                                 row_step_deg=0.0005, column_step_deg=0.0005)])  # fmt: skip
-
-
-def seen_along(ground, place_enu_m):
-    """Whether a straight ray stays above the ground, at each tenth of a thousandth of it."""
-    share = np.linspace(0.004, 0.999, 1500)[:, None]
-    points = share * place_enu_m
-    latitude_deg, longitude_deg, height_m = HERE.to_geodetic(points)
-    clear_m = height_m - ground.height_m(latitude_deg, longitude_deg)
-    return clear_m.min()
+    return Ground([tile(height_m, 40.6, -3.6, 0.0005)])
 
 
 def test_the_running_maximum_answers_as_the_ray_that_is_followed():
+    """Whether a straight ray stays above the ground, in 1500 steps."""
     ground, rng = rough(), np.random.default_rng(6)
     places = aer_to_enu(
         rng.uniform(0, 360, 400), rng.uniform(-1, 4, 400), rng.uniform(500, 8000, 400)
     )
     factor = obstruction(horizon_of(HERE, ground, None, STRAIGHT)).power_factor(places, 0.03)
-    clear_m = np.array([seen_along(ground, place) for place in places])
+    share = np.linspace(0.004, 0.999, 1500)[:, None]
+    rays = (HERE.to_geodetic(share * place) for place in places)
+    clear_m = np.array([(height_m - ground.height_m(*at)).min() for *at, height_m in rays])
     is_plain = np.abs(clear_m) > 3.0  # between samples of 20 m and 0.25 degrees
     assert is_plain.sum() > 100
     assert 50 < (clear_m[is_plain] < 0).sum() < is_plain.sum() - 50
     np.testing.assert_array_equal(factor[is_plain] < 0.5, clear_m[is_plain] < 0)
 
 
-def blocks():
+def test_walls_hide_what_the_ray_meets_at_entry_or_exit():
     """Towers about the place: rings of longitude and latitude, and how high they reach."""
-    rng = np.random.default_rng(7)
-    rings, tops_m = [], []
+    rng, rings, tops_m = np.random.default_rng(7), [], []
     for _ in range(40):
         middle = aer_to_enu(rng.uniform(0, 360), 0.0, rng.uniform(100, 1500))
-        corners = middle + aer_to_enu(
-            np.array([10.0, 100.0, 190.0, 280.0]), 0.0, rng.uniform(20, 60)
-        )
-        latitude_deg, longitude_deg, _ = HERE.to_geodetic(corners)
+        around = np.array([10.0, 100.0, 190.0, 280.0]), 0.0, rng.uniform(20, 60)
+        latitude_deg, longitude_deg, _ = HERE.to_geodetic(middle + aer_to_enu(*around))
         rings.append(np.column_stack([longitude_deg, latitude_deg]))
         tops_m.append(700.0 + rng.uniform(-20, 80))
-    return rings, tops_m
-
-
-def test_walls_hide_what_the_ray_meets_at_entry_or_exit():
-    rings, tops_m = blocks()
     settings = HorizonSettings(azimuths=36_000, step_m=20.0, reach_m=4000.0, k=1.0)
     horizon = horizon_of(HERE, None, Walls.of_rings(rings, tops_m), settings)
-    rng = np.random.default_rng(8)
     places = aer_to_enu(rng.uniform(0, 360, 500), rng.uniform(-1, 5, 500), 2000.0)
     factor = obstruction(horizon).power_factor(places, 0.03)
-    hidden = np.array([any_crossed(rings, tops_m, place) for place in places])
+
+    def is_hidden(place):
+        latitude_deg, longitude_deg, height_m = HERE.to_geodetic(
+            np.linspace(0, 1, 2001)[:, None] * place
+        )
+        return any(
+            (inside(longitude_deg, latitude_deg, ring) & (height_m < top_m)).any()
+            for ring, top_m in zip(rings, tops_m, strict=True)
+        )
+
+    hidden = np.array([is_hidden(place) for place in places])
     assert 50 < hidden.sum() < 450
     assert (hidden == (factor == OPAQUE)).mean() > 0.99  # azimuths are 0.01 degrees wide
 
 
-def any_crossed(rings, tops_m, place):
-    """Whether a ray enters or leaves a footprint below its top, by each of its points."""
-    share = np.linspace(0, 1, 2001)[:, None]
-    points = share * place
-    latitude_deg, longitude_deg, height_m = HERE.to_geodetic(points)
-    for ring, top_m in zip(rings, tops_m, strict=True):
-        inside = np.zeros(len(points), bool)
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            crosses = (a[1] > latitude_deg) != (b[1] > latitude_deg)
-            at = a[0] + (latitude_deg - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-            inside ^= crosses & (longitude_deg < at)
-        if (inside & (height_m < top_m)).any():
-            return True
-    return False
-
-
 @pytest.mark.parametrize("k", [1.0, 4 / 3])
 def test_over_level_ground_the_horizon_is_that_of_the_effective_earth(k):
-    level = np.zeros((3, 3))
-    ground = Ground([ElevationTile(heights_m=level, north_deg=41.5, west_deg=-4.5,
-                                   row_step_deg=1.0, column_step_deg=1.0)])  # fmt: skip
-    mast = LocalFrame(40.5, -3.5, 10.0)
+    mast, ground = LocalFrame(40.5, -3.5, 10.0), Ground([tile(np.zeros((3, 3)), 41.5, -4.5)])
     settings = HorizonSettings(azimuths=8, step_m=50.0, reach_m=40_000.0, k=k)
-    seen = Obstruction(
-        frames=(mast,), horizons=(horizon_of(mast, ground, None, settings),), diffracts=False, k=k
-    )
+    horizon = horizon_of(mast, ground, None, settings)
+    seen = Obstruction(frames=(mast,), horizons=(horizon,), diffracts=False, k=k)
     distance_m, target_m = np.arange(15_000.0, 40_000.0, 10.0), 15.0
     up_m = (target_m - 10.0) - distance_m**2 / (2 * EARTH_RADIUS_M)
     east = np.column_stack([distance_m, np.zeros(len(distance_m)), up_m])
@@ -156,10 +138,8 @@ def test_what_is_cut_off_still_has_a_level():
 
 
 def test_what_no_raster_knows_hides_nothing():
-    void = ElevationTile(heights_m=np.full((2, 2), -32768, ">i2"), north_deg=41, west_deg=-4,
-                         row_step_deg=1.0, column_step_deg=1.0, void=-32768)  # fmt: skip
-    elsewhere = ElevationTile(heights_m=np.full((2, 2), 9000.0), north_deg=10, west_deg=-4,
-                              row_step_deg=1.0, column_step_deg=1.0)  # fmt: skip
+    void = tile(np.full((2, 2), -32768, ">i2"), 41, -4, void=-32768)
+    elsewhere = tile(np.full((2, 2), 9000.0), 10, -4)
     horizon = horizon_of(HERE, Ground([void, elsewhere]), None, STRAIGHT)
     assert len(horizon.azimuth) == 0
     down = aer_to_enu(np.linspace(0, 360, 100), -5.0, 8000.0)
@@ -170,11 +150,7 @@ def test_what_no_raster_knows_hides_nothing():
 
 def test_a_raster_is_bilinear_between_its_samples_and_joins_the_next():
     heights = np.array([[0.0, 10.0], [20.0, 40.0]])
-    west = ElevationTile(
-        heights_m=heights, north_deg=1, west_deg=0, row_step_deg=1, column_step_deg=1
-    )
-    east = ElevationTile(heights_m=heights + 10, north_deg=1, west_deg=1, row_step_deg=1,
-                         column_step_deg=1)  # fmt: skip
+    west, east = tile(heights, 1, 0), tile(heights + 10, 1, 1)
     ground = Ground([west, east])
     latitude, longitude = np.array([1.0, 0.0, 0.5, 0.5, 0.5]), np.array([0.0, 1.0, 0.5, 1.5, 2.5])
     found = ground.height_m(latitude, longitude)

@@ -15,25 +15,19 @@ from plotfeed.models.state import Floats, Looks
 MERGING = Merging(range_m=(10.0,), azimuth_deg=2.0, elevation_deg=6.0)
 
 
-def merged(
-    range_m, azimuth_deg, elevation_deg=None, *, uniforms=None, powers=None, merging=MERGING, **more
-):
+def merged(range_m, azimuth_deg, *more, powers=None, uniforms=None, merging=MERGING, **columns):
+    """Groups of looks at those places; with an elevation each if there are."""
     n = len(range_m)
-    columns = {
-        "range_m": np.asarray(range_m, float),
-        "azimuth_deg": np.asarray(azimuth_deg, float),
-        "elevation_deg": np.zeros(n) if elevation_deg is None else np.asarray(elevation_deg, float),
-        "t_utc_ns": np.zeros(n, np.int64),
-        "snr": np.ones(n) if powers is None else np.asarray(powers, float),
-        "channel": np.zeros(n, np.int64),
-    }
-    uniforms = np.zeros(n) if uniforms is None else np.asarray(uniforms, float)
-    rate_m_s = more.pop("range_rate_m_s", None)
-    return merging.merged_groups(Looks.holding(columns | more), uniforms, rate_m_s)
-
-
-def labels(found, n: int) -> list[int]:
-    return list(range(n)) if found is None else found.group.tolist()
+    usual = {
+        "range_m": range_m, "azimuth_deg": azimuth_deg,
+        "elevation_deg": more[0] if more else np.zeros(n),
+        "snr": np.ones(n) if powers is None else powers,
+        "t_utc_ns": np.zeros(n, np.int64), "channel": np.zeros(n, np.int64),
+    }  # fmt: skip
+    rate_m_s = columns.pop("range_rate_m_s", None)
+    looks = Looks.holding({name: np.asarray(each) for name, each in (usual | columns).items()})
+    uniforms = np.zeros(n) if uniforms is None else uniforms
+    return merging.merged_groups(looks, uniforms, rate_m_s)
 
 
 def plain_groups(places: Floats, uniforms: Floats) -> list[int]:
@@ -64,7 +58,7 @@ def test_groups_are_those_that_all_pairs_link(rows):
     uniforms = np.minimum(values[:, 3], 0.999)
     found = merged(*places.T, uniforms=uniforms)
     partition = plain_groups(places, uniforms)
-    seen = labels(found, len(rows))
+    seen = list(range(len(rows))) if found is None else found.group.tolist()
     pairs = {(a, b) for a, b in zip(seen, partition, strict=True)}
     assert len(pairs) == len(set(seen)) == len(set(partition))
 
@@ -94,34 +88,27 @@ def test_the_echo_lies_at_the_centroid_of_powers_over_north():
     assert found.others(np.array([7, 9])).tolist() == [(9,)]
 
 
-def test_who_stands_alone_stays_as_it_is():
-    found = merged([0.0, 500.0, 1.0], [0.0, 0.0, 0.0], powers=[1.0, 5.0, 2.0])
+def test_who_stands_alone_stays_as_it_is_and_echoes_without_power_have_a_place():
+    at_m, powers = np.array([0.0, 500.0, 1.0]), np.array([1.0, 5.0, 2.0])
+    found = merged(at_m, np.zeros(3), powers=powers)
     assert found.leader.tolist() == [1, 2]
     assert found.group.tolist() == [1, 0, 1]
     assert found.others(np.array([4, 5, 6])).tolist() == [(), (4,)]
-    assert found.centroid(np.array([0.0, 500.0, 1.0]), np.array([1.0, 5.0, 2.0])).tolist() == [
-        500.0,
-        pytest.approx(2 / 3),
-    ]
-
-
-def test_echoes_without_power_have_a_place():
-    found = merged([0.0, 1.0], [0.0, 0.0], powers=[0.0, 0.0])
-    assert np.isfinite(found.centroid(np.array([0.0, 1.0]), np.zeros(2))).all()
+    assert found.centroid(at_m, powers) == pytest.approx([500.0, 2 / 3])
+    assert np.isfinite(found.centroid(at_m, np.zeros(3))).all()
 
 
 def test_channels_scans_and_range_rates_keep_apart():
-    together = ([0.0, 0.0], [0.0, 0.0])
-    assert merged(*together) is not None
-    assert (
-        merged(*together, channel=np.array([0, 1]), merging=replace(MERGING, range_m=(10.0, 10.0)))
-        is None
-    )
-    later = np.array([0, 900_000_000])
-    assert merged(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**9)) is not None
-    assert merged(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**8)) is None
-    rates = {"range_rate_m_s": np.array([0.0, 9.9])}
+    several = replace(MERGING, range_m=(10.0, 10.0))
+    later, rates = {"t_utc_ns": [0, 900_000_000]}, {"range_rate_m_s": np.array([0.0, 9.9])}
     by_rate = replace(MERGING, range_rate_m_s=(0.25,))
-    assert merged(*together, **rates, merging=by_rate) is None
-    folding = replace(by_rate, range_rate_period=10.0 / 0.25)
-    assert merged(*together, **rates, merging=folding) is not None
+    for columns, merging, merge in (
+        ({}, MERGING, True),
+        ({"channel": [0, 1]}, several, False),
+        (later, replace(MERGING, longest_ns=10**9), True),
+        (later, replace(MERGING, longest_ns=10**8), False),
+        (rates, by_rate, False),
+        (rates, replace(by_rate, range_rate_period=10.0 / 0.25), True),
+    ):
+        found = merged([0.0, 0.0], [0.0, 0.0], merging=merging, **columns)
+        assert (found is not None) == merge

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from support.given_files import values_of
-from support.significance import assert_sum
 
 from plotfeed.models.effects.pulse_intervals import (
     CANCELLERS,
@@ -71,7 +72,7 @@ def test_staggered_frequencies_leave_no_speed_of_drones_blind() -> None:
     assert intervals().folds_at_m == pytest.approx(29_979.2458)
 
 
-def test_so_many_of_equal_trials_are_binomial_and_of_others_as_counted() -> None:
+def test_so_many_of_equal_trials_are_binomial_and_of_others_and_the_first_as_counted() -> None:
     p = np.linspace(1e-9, 1 - 1e-9, 50)
     for n, needed in ((1, 1), (3, 2), (8, 3), (8, 8)):
         found = at_least(np.repeat(p[:, None], n, axis=1), needed)
@@ -79,26 +80,17 @@ def test_so_many_of_equal_trials_are_binomial_and_of_others_as_counted() -> None
         made = intervals(prfs_hz=(5000.0,) * n, needed=needed)
         expected = stats.binom.sf(needed - 1, n, 1e-6)
         assert made.false_alarm_probability(1e-6) == pytest.approx(expected, rel=1e-12)
-    chances = np.array([[0.9, 0.2, 0.5, 0.05]])
-    rng, n = np.random.default_rng(1), 200_000
-    hits = rng.random((n, 4)) < chances
+    chances = np.array([0.9, 0.2, 0.5, 0.05])
+    hits = np.array(list(product([False, True], repeat=4)))
+    odds = np.where(hits, chances, 1 - chances).prod(axis=1)
     for needed in (1, 2, 3, 4):
-        pd = float(at_least(chances, needed)[0])
-        assert_sum((hits.sum(axis=1) >= needed).sum(), n * pd, n * pd * (1 - pd), f"{needed}")
-
-
-def test_the_first_that_hits_is_as_often_each_as_counted() -> None:
-    chances, n = np.array([[0.7, 0.2, 0.5]]), 200_000
-    rng = np.random.default_rng(2)
-    hits = rng.random((n, 3)) < chances
-    enough = hits[hits.sum(axis=1) >= 2]
-    first = first_successes(chances, 2)
-    assert first.sum() == pytest.approx(1.0, rel=1e-12)
-    columns = chosen(np.repeat(first, n, axis=0), rng.random(n))
-    for k in range(3):
-        p = float(first[0, k])
-        assert_sum((enough.argmax(axis=1) == k).sum(), len(enough) * p, len(enough) * p + 1e-9, "")
-        assert_sum((columns == k).sum(), n * p, n * p * (1 - p) + 1e-9, f"chosen {k}")
+        enough = hits.sum(axis=1) >= needed
+        assert at_least(chances[None], needed) == pytest.approx(odds[enough].sum(), rel=1e-12)
+        first, of_first = first_successes(chances[None], needed)[0], hits[enough].argmax(axis=1)
+        expected = np.bincount(of_first, odds[enough], minlength=4) / odds[enough].sum()
+        assert first == pytest.approx(expected, abs=1e-12)
+    drawn = np.array([0.0, 0.299, 0.301, 0.999])
+    assert chosen(np.tile([[0.3, 0.0, 0.7]], (4, 1)), drawn).tolist() == [0, 0, 2, 2]
 
 
 def test_intervals_lie_about_the_time_at_which_the_beam_meets_a_target() -> None:

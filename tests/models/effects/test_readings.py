@@ -19,22 +19,10 @@ S = 1_000_000_000
 TIMES_NS = np.array([5, 5, 9, 5]) * S
 
 
-def drifting(sigma_range_m: float, sigma_azimuth_deg: float) -> tuple[Readings, Drift]:
-    drift = Drift(Chance(1, "radar"), step_ns=S, time_constant_ns=30 * S, n=2)
-    return (
-        Readings(
-            range_scale=1e-3,
-            range_offset_m=5.0,
-            sigma_range_m=sigma_range_m,
-            sigma_azimuth_deg=sigma_azimuth_deg,
-            drift=drift,
-        ),
-        drift,
-    )
-
-
 def test_drifts_are_those_of_the_time_and_of_each_quantity_its_own():
-    readings, drift = drifting(2.0, 0.5)
+    drift = Drift(Chance(1, "radar"), step_ns=S, time_constant_ns=30 * S, n=2)
+    readings = Readings(range_scale=1e-3, range_offset_m=5.0, sigma_range_m=2.0,
+                        sigma_azimuth_deg=0.5, drift=drift)  # fmt: skip
     off = drift.at(TIMES_NS)
     read_m = readings.range_m(np.full(4, 1000.0), TIMES_NS)
     np.testing.assert_allclose(read_m, 1006.0 + 2.0 * off[:, 0], rtol=1e-15)
@@ -95,19 +83,15 @@ class Axes:
         return np.eye(n)[axis]
 
 
-def coefficients(steps: list[int], steps_a_constant: float, n: int = 400) -> Floats:
-    axes: Any = Axes(n)
-    drift = Drift(axes, step_ns=S, time_constant_ns=steps_a_constant * S, n=n)
-    return drift.at(np.array(steps, np.int64) * S)
-
-
 @pytest.mark.parametrize("steps_a_constant", [0.01, 0.5, 3.0, 10.0, 600.0, 1e6])
 def test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits(
     steps_a_constant: float,
 ) -> None:
     spread = np.unique(np.round(np.geomspace(1, 30 * steps_a_constant + 20, 12)).astype(int))
     steps = [*range(8), *(1_700_000_000 + spread).tolist()]
-    value = coefficients(steps, steps_a_constant)
+    axes: Any = Axes(400)
+    drift = Drift(axes, step_ns=S, time_constant_ns=steps_a_constant * S, n=400)
+    value = drift.at(np.array(steps, np.int64) * S)
     lags = np.abs(np.subtract.outer(steps, steps))
     covariance = np.exp(-lags / steps_a_constant)
     np.testing.assert_allclose(value @ value.T, covariance, rtol=0, atol=3e-15)
@@ -134,13 +118,10 @@ def test_the_same_comes_in_any_order_and_company(
     assert together.tolist() == [alone[step] for step in shuffled]
 
 
-def test_within_a_step_it_stands_still() -> None:
+def test_within_a_step_it_stands_still_and_at_the_end_of_time_there_is_a_value() -> None:
     drift = Drift(Chance(5, "radar"), step_ns=S, time_constant_ns=60 * S, n=2)
     values = drift.at(np.array([7 * S, 7 * S + 1, 8 * S - 1, 8 * S]))
     assert values[0].tolist() == values[1].tolist() == values[2].tolist()
     assert values[3].tolist() != values[2].tolist()
-
-
-def test_a_week_later_and_at_the_end_of_time_there_is_a_value() -> None:
     drift = Drift(Chance(5, "radar"), step_ns=20_000_000, time_constant_ns=1e9 * S, n=2)
     assert np.isfinite(drift.at(np.array([0, 7 * 86_400 * S, (1 << 63) - 1]))).all()
