@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.optimize import brentq
 from scipy.signal import lfilter
 from support.significance import assert_chance, assert_sum
 
@@ -68,8 +70,8 @@ def error_checks(
 ) -> list[Check]:
     """In two parts, as if they had been taken one after the other."""
     sums, half = ErrorSums(quantities), len(residuals) // 2
-    sums.add(residuals.between(0, half))
-    sums.add(residuals.between(half, len(residuals)))
+    for part in (residuals.between(0, half), residuals.between(half, len(residuals))):
+        sums.add(part)
     return sums.checks()
 
 
@@ -159,25 +161,19 @@ def test_who_looks_time_and_again_is_wrong_no_more_often() -> None:
     """Robbins' bound beside the plain one, at each of 300 looks at a sum that grows."""
     rng = np.random.default_rng(8)
     sums = rng.standard_normal((2000, 300)).cumsum(axis=1)
-    n = np.arange(1, 301)
-    z = sums / np.sqrt(n)
-    bound = np.array([_bound(int(k), 0.01) for k in n])
+    z = sums / np.sqrt(np.arange(1, 301))
+    bound = [
+        brentq(lambda z, n=n: 1 - 2 * always_valid(check_of(z, n), 0.01), 0.0, 30.0)
+        for n in range(1, 301)
+    ]
     ever = int((np.abs(z) >= bound).any(axis=1).sum())
     assert_chance(float(stats.binom.sf(ever - 1, 2000, 0.01)), f"{ever} of 2000")
     plain = int((np.abs(z) >= stats.norm.isf(0.005)).any(axis=1).sum())
     assert plain > 100  # what it is for
 
 
-def _bound(n: int, rate: float) -> float:
-    """The least z that the check calls wrong, found by asking it."""
-    low, high = 0.0, 30.0
-    for _ in range(40):
-        z = (low + high) / 2
-        check = Check(
-            name="x", expected=0.0, found=1.0, sigma=1.0, p=2 * float(stats.norm.sf(z)), of=n
-        )
-        low, high = (low, z) if always_valid(check, rate) else (z, high)
-    return high
+def check_of(z: float, n: int) -> Check:
+    return Check(name="x", expected=0.0, found=1.0, sigma=1.0, p=2 * float(stats.norm.sf(z)), of=n)
 
 
 # Verdicts on limits, with the risks that they state.
@@ -186,6 +182,12 @@ def _bound(n: int, rate: float) -> float:
 RUNS = 300
 # Wrong verdicts of so many runs, where each is wrong with that risk.
 MOST = int(stats.binom.ppf(1 - 1e-4, RUNS, RISK))
+
+
+def figure(values: np.ndarray, **more: Any) -> FigureSamples:
+    """Of one series, a whole each."""
+    n = len(values)
+    return FigureSamples(values, np.ones(n), np.zeros(n, np.int64), **more)
 
 
 @pytest.mark.parametrize("along", [0.0, 0.8])
@@ -197,9 +199,7 @@ def test_a_limit_near_the_truth_is_not_decided_wrongly(along: float, of_truth: f
     for _ in range(RUNS):
         own = (1 - along**2) ** 0.5
         errors = lfilter([own], [1.0, -along], rng.standard_normal((n, 2)), axis=0)
-        samples = FigureSamples(
-            np.hypot(*errors.T), np.ones(n), np.zeros(n, np.int64), quantile=0.95
-        )
+        samples = figure(np.hypot(*errors.T), quantile=0.95)
         counts[decided(samples.interval(RISK), limit, None)] += 1
     right, wrong = ("failed", "passed") if of_truth < 1 else ("passed", "failed")
     assert counts[wrong] <= MOST
@@ -207,13 +207,13 @@ def test_a_limit_near_the_truth_is_not_decided_wrongly(along: float, of_truth: f
 
 
 def test_few_reports_say_nothing_of_one_in_ten_thousand() -> None:
-    none = FigureSamples(np.zeros(890), np.ones(890), np.zeros(890, np.int64), is_share=True)
+    none = figure(np.zeros(890), is_share=True)
     found = none.interval(RISK)
     assert (found.value, found.low) == (0.0, 0.0)
     assert found.high > 890**-1
     assert decided(found, 1e-4, None) == "undecided"
     assert decided(found, 0.1, None) == "passed"
-    many = none._replace(parts=np.zeros(10**6), wholes=np.ones(10**6), series=np.zeros(10**6, int))
+    many = figure(np.zeros(10**6), is_share=True)
     assert decided(many.interval(RISK), 1e-4, None) == "passed"
 
 
@@ -222,7 +222,7 @@ def test_a_share_lies_within_its_bounds(share: float) -> None:
     rng, outside = np.random.default_rng(4), 0
     for _ in range(RUNS):
         hits = (rng.random(500) < share).astype(float)
-        samples = FigureSamples(hits, np.ones(500), np.zeros(500, np.int64), is_share=True)
+        samples = figure(hits, is_share=True)
         found = samples.interval()
         outside += not found.low <= share <= found.high
     assert outside <= MOST
@@ -230,21 +230,15 @@ def test_a_share_lies_within_its_bounds(share: float) -> None:
 
 def test_what_hangs_together_for_too_long_is_undecided() -> None:
     chain = np.cumsum(np.random.default_rng(1).standard_normal(60))
-    found = FigureSamples(chain, np.ones(60), np.zeros(60, np.int64)).interval()
-    spread = float(chain.std())
+    found, spread = figure(chain).interval(), float(chain.std())
     for limit in (found.value + 5 * spread, found.value - 5 * spread):
         assert decided(found, limit, None) == "undecided"
-    few = FigureSamples(chain[:3], np.ones(3), np.zeros(3, np.int64)).interval()
+    few = figure(chain[:3]).interval()
     assert (few.low, few.high) == (-np.inf, np.inf)
     assert decided(Interval(np.nan, np.nan, np.nan), 1.0, None) == "not testable"
-
-
-def test_powers_and_empty_samples() -> None:
-    four = FigureSamples(np.full(50, 4.0), np.ones(50), np.zeros(50, np.int64), power=0.5)
-    assert four.interval() == (2.0, 2.0, 2.0)
-    none = FigureSamples(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
-    assert np.isnan(none.value)
-    assert np.isnan(none.interval()).all()
+    assert figure(np.full(50, 4.0), power=0.5).interval() == (2.0, 2.0, 2.0)
+    none = figure(np.zeros(0))
+    assert np.isnan([none.value, *none.interval()]).all()
 
 
 def test_five_looks_at_seeds_are_wrong_as_seldom_as_one() -> None:
@@ -271,9 +265,8 @@ def test_runs_that_are_alike_by_chance_do_not_decide() -> None:
         found = seeds_interval(rng.poisson(0.1, 12) * 1.0, RISK / 2, are_counts=True)
         swaps += decided(found, 0.05, None) == "passed"
     assert max(far, swaps) <= MOST
-    none = np.zeros(890), np.ones(890), np.zeros(890, np.int64)
-    assert FigureSamples(*none, is_share=True).trials == 89.0
-    assert np.isnan(FigureSamples(*none).trials)
+    assert figure(np.zeros(890), is_share=True).trials == 89.0
+    assert np.isnan(figure(np.zeros(890)).trials)
     assert decided(seeds_interval(np.zeros(60), are_counts=True), 0.1, None) == "passed"
 
 
