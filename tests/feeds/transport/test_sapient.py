@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import socket
-import tracemalloc
 from collections import Counter
 from contextlib import suppress
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -22,20 +19,18 @@ from support.deliveries import taken
 from support.own_time import LoopClock, in_own_time
 from support.sapient_middleware import Peer, linked, listening, polite, status_report
 from support.sapient_rules import checked_together, task
+from support.sessions import AtWork, at_work
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S
-from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.transport.sapient import (
     ACK_TIMEOUT_S,
     AT_ONCE_S,
     GATHER_S,
-    MAX_MESSAGE_OCTETS,
     MAX_UNSENT_OCTETS,
     REGISTER_AGAIN_S,
     SapientIntake,
@@ -45,7 +40,6 @@ from plotfeed.feeds.transport.sapient import (
 )
 from plotfeed.feeds.transport.ways_out import BACKOFF_S, TransportError
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import DecodeError
 from plotfeed.testing import held, radar, rotating, scene, staring
 
 ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] * 1000})
@@ -199,22 +193,6 @@ def test_messages_are_put_together_however_they_come(messages: list[bytes], size
     assert asyncio.run(test()) == messages
 
 
-@given(st.integers(MAX_MESSAGE_OCTETS + 1, 2**32 - 1))
-def test_a_hostile_length_allocates_nothing(length: int) -> None:
-    async def test() -> int:
-        octets = asyncio.StreamReader()
-        octets.feed_data(length.to_bytes(4, "little"))
-        tracemalloc.start()
-        try:
-            with pytest.raises(DecodeError):
-                await next_message(octets)
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
-
-    assert asyncio.run(test()) < 100_000
-
-
 def test_addresses_are_a_host_and_a_port() -> None:
     assert split_address("middleware.example:1") == ("middleware.example", 1)
     assert split_address("[::1]:65535") == ("::1", 65535)
@@ -312,27 +290,26 @@ async def test_the_system_gives_up_a_host_that_is_gone_without_a_word() -> None:
         assert "has read nothing for 2.5 s" in link.last_error
 
 
-class Fates(Observer):
-    """Fates of messages, and how statuses say that it goes with the middleware, by sensor."""
-
-    def __init__(self) -> None:
-        self.of: dict[str, Counter[int]] = {}
-        self.statuses: dict[str, list[dict[str, Any]]] = {}
-
-    def settled(self, report: Batch, sent: Any) -> None:
-        self.of.setdefault(report.sensor, Counter()).update(one.fate for one in sent)
-
-    def after_link(self, message: Message, _sent_utc_ns: int) -> None:
-        if message.topic.endswith("/status"):
-            status = json.loads(message.payload)
-            self.statuses.setdefault(status["sensor"], []).append(status["sapient"])
-
-
 def watched(address: str, *names: str, **keys: Any) -> Scene:
     """Radars of those names that stare at a drone, each a node of that middleware."""
     sensors = [radar(id=name, report=["sapient"], scan=staring(0.1)) for name in names]
     drone = held("d", 45.0, 20.0, 1000.0, rcs_m2=1.0)
     return scene(sensors, [drone], seed=3, sapient={"middleware": address, **keys})
+
+
+async def session_of(flown: Scene, duration_s: float) -> AtWork:
+    """A session that is over, by the time of the loop."""
+    async with at_work(flown, None, clock=LoopClock(), duration_s=duration_s) as session:
+        pass
+    return session
+
+
+def fates(session: AtWork) -> dict[str, Counter[int]]:
+    """Of the detections of each sensor, as the ledger has them."""
+    found: dict[str, Counter[int]] = {}
+    for entry in session.entries:
+        found.setdefault(entry.sensor, Counter()).update(one.fate for one in entry.messages)
+    return found
 
 
 @in_own_time
@@ -344,22 +321,18 @@ async def test_a_node_that_is_refused_costs_no_other_anything() -> None:
         peer.acknowledge("not you", accepted=accepted)
         await peer.hear_all()
 
-    fates = Fates()
     async with listening(choosy) as middleware:
-        flown = watched(middleware.address, "good", "bad")
-        totals = await run(
-            flown, broker="none", duration_s=2.0, observers=[fates], clock=LoopClock()
-        )
+        session = await session_of(watched(middleware.address, "good", "bad"), 2.0)
+    of, totals = fates(session), session.totals
     assert totals.sapient_refusals == 1
-    good, bad = fates.statuses["good"][0], fates.statuses["bad"][0]
+    good, bad = (session.told(f"{name}/status")[0]["sapient"] for name in ("good", "bad"))
     assert (good["reporting"], good["connections"], good["refusals"]) == (True, "1", "0")
     assert (bad.get("reporting", False), bad["connections"], bad["refusals"]) == (False, "1", "1")
-    assert set(fates.of["good"]) == {pb.SENT}
-    assert set(fates.of["bad"]) == {pb.UNDELIVERED}
-    assert totals.undelivered == fates.of["bad"].total() > 5
+    assert (set(of["good"]), set(of["bad"])) == ({pb.SENT}, {pb.UNDELIVERED})
+    assert totals.undelivered == of["bad"].total() > 5
     heard = {peer.heard[0].registration.name: peer.kinds() for peer in middleware.peers}
     assert set(heard["bad"]) == {"registration"}
-    assert heard["good"].count("detection_report") == fates.of["good"].total()
+    assert heard["good"].count("detection_report") == of["good"].total()
 
 
 @pytest.mark.parametrize("says", ["errors", "empty", "tasks"])
@@ -383,14 +356,12 @@ async def test_a_middleware_that_never_stops_talking_is_made_to_wait(says: str) 
         with suppress(asyncio.CancelledError, ConnectionError):
             await talking
 
-    most_per_s, fates = 200, Fates()
+    most_per_s = 200
     async with listening(talkative) as middleware:
         flown = watched(middleware.address, "a", "b", "c", max_messages_per_s=most_per_s)
         began_s = now_s()
-        totals = await run(
-            flown, broker="none", duration_s=3.0, observers=[fates], clock=LoopClock()
-        )
-        took_s = now_s() - began_s
+        session = await session_of(flown, 3.0)
+        took_s, totals = now_s() - began_s, session.totals
         await until(lambda: all(peer.kinds()[-1] == "status_report" for peer in middleware.peers))
     taken_in = totals.sapient_errors + totals.sapient_tasks + totals.sapient_rejected
     assert 0.5 * most_per_s < taken_in <= most_per_s * (took_s + AT_ONCE_S)
@@ -398,46 +369,31 @@ async def test_a_middleware_that_never_stops_talking_is_made_to_wait(says: str) 
     assert (totals.sapient_tasks > 0) == (says == "tasks")
     assert totals.undelivered == 0
     heard = [peer.kinds().count("detection_report") for peer in middleware.peers]
-    assert sorted(heard) == sorted(found.total() for found in fates.of.values())
-    assert all(set(found) == {pb.SENT} for found in fates.of.values())
+    assert sorted(heard) == sorted(found.total() for found in fates(session).values())
+    assert all(set(found) == {pb.SENT} for found in fates(session).values())
 
 
 @in_own_time
-async def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
-    """Stamps are as a strict middleware has them, detections in order, 80 ms apart."""
+async def test_a_session_connects_every_sensor_that_reports_it_and_says_goodbye() -> None:
     sensors = [
         radar(id="turning", report=["sapient"], scan=rotating(0.5, 16), pfa=1e-5),
         radar(id="staring", report=["sapient"], scan=staring(0.1)),
         radar(id="other", report=["plots"]),
     ]
-    clock, ages_s = LoopClock(), list[float]()
-
-    async def timed(peer: Peer) -> None:
-        await peer.next()
-        peer.acknowledge()
-        with suppress(asyncio.IncompleteReadError):
-            while True:
-                message = await peer.next()
-                ages_s.append((clock.now_ns() - message.timestamp.ToNanoseconds()) / 1e9)
-
-    async with listening(timed) as middleware:
+    async with listening() as middleware:
         sapient = {"middleware": middleware.address, "status_interval_s": 0.5}
         drones = [held("d", 45.0, 20.0, 1000.0, rcs_m2=1.0)]
-        flown = scene(sensors, drones, seed=3, sapient=sapient)
-        totals = await run(flown, broker="none", duration_s=3.0, clock=clock)
-        assert totals.undelivered == 0
+        session = await session_of(scene(sensors, drones, seed=3, sapient=sapient), 3.0)
+        assert session.totals.undelivered == 0
         await until(lambda: all(peer.reader.at_eof() for peer in middleware.peers))
     names = {peer.heard[0].registration.name for peer in middleware.peers}
     assert names == {"turning", "staring"}
     assert len({peer.heard[0].node_id for peer in middleware.peers}) == len(middleware.peers) == 2
     for peer in middleware.peers:
         assert peer.kinds()[:2] == ["registration", "status_report"]
+        assert peer.kinds().count("detection_report") > 3
         assert peer.heard[-1].status_report.system == StatusReport.SYSTEM_GOODBYE
         checked_together(peer.heard)
-        stamps = [m.timestamp.ToNanoseconds() for m in peer.heard if m.HasField("detection_report")]
-        assert len(stamps) > 3
-        assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
-    assert all(-0.1 < age_s < PATIENCE_S for age_s in ages_s)
 
 
 @in_own_time
