@@ -13,7 +13,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
@@ -24,37 +24,32 @@ import pytest
 from support.brokers import free_port
 from support.waiting import PATIENCE_S
 
+# The stubs that mypy brings.
+STUBS = Path(find_spec("mypy").origin).parent / "typeshed" / "stdlib"  # type: ignore[union-attr, arg-type]
 MODULES = ("os", "signal", "socket", "select", "time", "mmap", "sys")  # Of which Windows has a part
 
 
 def lacks() -> dict[str, list[str] | None]:
     """Names that Windows lacks by module; None for a module that it has not at all."""
-    missing = [path.stem for path in _stubs().glob("*.pyi") if _is_missing(path.stem)]
-    partly = {name: sorted(_names(name, "linux") - _names(name, "win32")) for name in MODULES}
-    return {**partly, **dict.fromkeys(missing)}
+    found: dict[str, list[str] | None] = {}
+    for name in (*MODULES, *(path.stem for path in STUBS.glob("*.pyi"))):
+        here, there = (_names(name, system) for system in ("linux", "win32"))
+        if name in MODULES:
+            found[name] = sorted(here - there)
+        elif _public(here) and not _public(there):
+            found[name] = None
+    return found
 
 
-def _is_missing(module: str) -> bool:
-    here, there = (
-        {name for name in _names(module, system) if not name.startswith("_")}
-        for system in ("linux", "win32")
-    )
-    return bool(here) and not there
-
-
-def _stubs() -> Path:
-    """The stubs that mypy brings."""
-    found = find_spec("mypy")
-    assert found is not None
-    assert found.origin is not None
-    return Path(found.origin).parent / "typeshed" / "stdlib"
+def _public(names: Iterable[str]) -> set[str]:
+    return {name for name in names if not name.startswith("_")}
 
 
 @cache
 def _names(module: str, platform: str) -> frozenset[str]:
     """What it defines on that system; names of types that stubs import are none."""
-    path = _stubs() / f"{module}.pyi"
-    path = path if path.exists() else _stubs() / module / "__init__.pyi"
+    path = STUBS / f"{module}.pyi"
+    path = path if path.exists() else STUBS / module / "__init__.pyi"
     system = SimpleNamespace(platform=platform, version_info=sys.version_info)
     return frozenset(_defined(ast.parse(path.read_text("utf-8")).body, system))
 
@@ -76,27 +71,24 @@ def _defined(body: Sequence[ast.stmt], system: SimpleNamespace) -> Iterator[str]
                 yield from (alias.asname for alias in names if alias.asname)
 
 
-def uses(source: str, lacking: dict[str, list[str] | None]) -> list[str]:
+def uses(source: str, lacking: dict[str, list[str] | None]) -> set[str]:
     """What of that a text of Python names, as `os.fork`, and the modules that it imports."""
-    found = []
+    named: set[tuple[str, str]] = set()  # A module, and a name in it
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Attribute(value=ast.Name(id=module), attr=name):
-                found += [f"{module}.{name}"] * (name in (lacking.get(module) or ()))
+                named.add((module, name))
             case ast.ImportFrom(module=str(module), names=names):
-                found += [module] * (lacking.get(module, ()) is None)
-                found += [
-                    f"{module}.{alias.name}"
-                    for alias in names
-                    if alias.name in (lacking.get(module) or ())
-                ]
+                named |= {(module, ""), *((module, alias.name) for alias in names)}
             case ast.Import(names=names):
-                found += [alias.name for alias in names if lacking.get(alias.name, ()) is None]
-    return found
+                named |= {(alias.name, "") for alias in names}
+    whole = {module for module, name in named if not name and lacking.get(module, ()) is None}
+    parts = {each for each in named if each[1] in (lacking.get(each[0]) or ())}
+    return whole | {".".join(each) for each in parts}
 
 
-ROOT = Path(__file__).parents[1]
-TESTS = ROOT / "tests"
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
 PRODUCT = ("face", "feeds", "models", "proto", "replay")
 SCENE = ROOT / "examples" / "scenes" / "radar-udp.toml"
 FLIGHT = ROOT / "examples" / "flights" / "visit.csv"
@@ -115,7 +107,7 @@ def test_one_module_alone_uses_what_windows_lacks() -> None:
         str(path.relative_to(ROOT)): names
         for room in PRODUCT
         for path in sorted((ROOT / room).rglob("*.py"))
-        if (names := set(uses(path.read_text("utf-8"), lacking)))
+        if (names := uses(path.read_text("utf-8"), lacking))
     }
     assert {"fcntl", "termios", "os.killpg", "signal.SIGKILL"} <= found.pop(
         "feeds/console/posix.py"
@@ -131,7 +123,7 @@ def poorer(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return os.environ | {
         "PLOTFEED_TEST_LACKS": str(told),
         "PYTHONIOENCODING": "cp1252",
-        "PYTHONPATH": os.pathsep.join([str(TESTS / "support" / "windows"), str(TESTS)]),
+        "PYTHONPATH": os.pathsep.join([str(HERE / "site"), str(HERE.parent)]),
         "PYTHONWARNDEFAULTENCODING": "1",
     }
 
@@ -196,7 +188,7 @@ def test_commands_that_need_no_network_do_as_ever_and_every_module_can_be_import
         (("inject", "mavlink:serial:COM3:57600"), 1, serial),
     ]
     lines = "".join(json.dumps([*map(str, words)]) + "\n" for words, _, _ in commands)
-    with started(poorer, TESTS / "support" / "windows_commands.py") as process:
+    with started(poorer, HERE / "windows_commands.py") as process:
         out, err = process.communicate(lines, timeout=2 * PATIENCE_S)
     assert (process.returncode, err) == (0, "")
     *answers, imported = out.splitlines()
