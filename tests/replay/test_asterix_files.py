@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_input import flags_of
 from support.asterix_readers import tshark_fields
-from support.given_recordings import EVERY_FRAME, EVERY_FRAME_048
+from support.given_recordings import EVERY_FRAME
 from support.recordings import MS, START_NS, block, block_048, message, plots, read, turned, written
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -78,12 +78,8 @@ def test_times_of_day_go_on_over_midnight_and_never_back(
     messages, reader = read(raw_on_that_day, data + block(1, "f0", "1901") + block(250, "00"))
     assert reader.damage == []
     assert [(each.log_time_ns - DAY) / NS for each in messages] == [*taken, taken[-1], taken[-1]]
-
-
-def test_without_a_date_no_time_is_before_1970() -> None:
-    data = block_048(1) + block_048(86_399) + block_048(2)
-    messages, _ = read(RawReader, data)
-    assert [each.log_time_ns for each in messages] == [NS, NS, 2 * NS]
+    undated, _ = read(RawReader, block_048(1) + block_048(86_399) + block_048(2))
+    assert [each.log_time_ns for each in undated] == [NS, NS, 2 * NS]  # none is before 1970
 
 
 @pytest.mark.parametrize("number", sorted(CATEGORIES))
@@ -128,19 +124,11 @@ def test_times_of_categories_that_are_not_decoded_are_what_tshark_reads(tmp_path
         assert time_of_day_ns(data) == 39_833 * NS
 
 
-@pytest.mark.parametrize(
-    ("data", "time_s"),
-    [
-        (block(48, "40", "a8c000"), 0),
-        (block(48, "40", "a8c001"), None),
-        (block(48, "40", "a8c0"), None),
-        (block(62, "50", "000080"), None),
-        (block(48), None),
-        (b"", None),
-    ],
-)
-def test_midnight_as_some_write_it_and_no_time(data: bytes, time_s: int | None) -> None:
-    assert time_of_day_ns(data) == (None if time_s is None else time_s * NS)
+def test_midnight_as_some_write_it_and_no_time() -> None:
+    assert time_of_day_ns(block(48, "40", "a8c000")) == 0
+    for parts in (("40", "a8c001"), ("40", "a8c0"), ()):
+        assert time_of_day_ns(block(48, *parts)) is None
+    assert time_of_day_ns(block(62, "50", "000080")) is time_of_day_ns(b"") is None
 
 
 @given(st.binary(max_size=300))
@@ -151,13 +139,19 @@ def test_any_octets_are_blocks_and_at_most_one_damage(data: bytes) -> None:
     assert [each.offset for each in reader.damage] == ([len(whole)] if whole != data else [])
 
 
-def test_what_is_no_asterix_is_left_out_and_trailers_are_cut_off() -> None:
-    file = io.BytesIO()
-    writer = RawWriter(file)
-    assert writer.write(message(b"{}", content_type="application/json")) == "no ASTERIX"
-    assert writer.write(message(block_048(1) + b"\xca\xfe" * 4)) is None
-    assert file.getvalue() == block_048(1)
-    assert any("1 messages lost what came after" in note for note in writer.notes())
+def test_what_a_file_cannot_hold_is_told_and_trailers_are_cut_off() -> None:
+    longest, trailed = b"\x30\xff\xff" + bytes(65_532), PLOT + b"\xca\xfe" * 4
+    for make, too_long, note in (
+        (RawWriter, None, RawWriter.lost),
+        (FinalWriter, "longer than a frame's 65535 octets", FinalWriter.lost),
+    ):
+        file = io.BytesIO()
+        writer = make(file)
+        assert writer.write(message(b"{}", content_type="application/json")) == "no ASTERIX"
+        assert writer.write(message(trailed)) is None
+        assert file.getvalue() in (PLOT, frame(PLOT, 4_320_000))
+        assert writer.notes() == [note, "1 messages lost what came after their data blocks"]
+        assert writer.write(message(longest)) == too_long
 
 
 # FINAL.
@@ -201,14 +195,6 @@ def test_a_frame_is_a_message_on_the_topic_of_its_line() -> None:
     assert dict(one.properties) == {"final-error": "1", "final-line": "3", "final-day": "31"}
 
 
-@EVERY_FRAME_048
-def test_a_frame_was_received_soon_after_its_plot(frame_file: Path) -> None:
-    (one,) = got(frame_file.read_bytes())
-    time_s = decode(one.payload)[0].items["I048/140"]
-    assert isinstance(time_s, float)
-    assert 0 <= (one.log_time_ns - DAY) / NS - time_s < 2
-
-
 @given(
     st.lists(
         st.tuples(
@@ -231,13 +217,10 @@ def test_what_is_read_is_written_to_the_octet(
     assert written(FinalWriter, got(data)) == data
 
 
-def test_times_go_on_over_midnight() -> None:
+def test_times_go_on_over_midnight_and_are_written_to_the_nearest_10_ms() -> None:
     data = b"".join(frame(PLOT, ticks) for ticks in (8_639_999, 0, 8_639_998, 1))
     since = [each.log_time_ns - DAY for each in got(data)]
     assert since == [DAY_NS - 10 * MS, DAY_NS, DAY_NS - 20 * MS, DAY_NS + 10 * MS]
-
-
-def test_times_are_written_to_the_nearest_10_ms() -> None:
     times_ns = (0, 4 * MS, 5 * MS, DAY_NS - 5 * MS, DAY_NS - 5 * MS - 1)
     data = written(FinalWriter, [message(PLOT, DAY + t_ns) for t_ns in times_ns])
     size = 12 + len(PLOT)
@@ -252,45 +235,33 @@ def test_each_topic_has_a_line_as_long_as_there_are_lines() -> None:
     assert lines[-1] == "line/255/asterix"
 
 
-def test_what_a_frame_cannot_hold_is_told() -> None:
-    file = io.BytesIO()
-    writer = FinalWriter(file)
-    assert writer.write(message(b"{}", content_type="application/json")) == "no ASTERIX"
-    longest = b"\x30\xff\xff" + bytes(65_532)
-    assert writer.write(message(longest)) == "longer than a frame's 65535 octets"
-    assert writer.write(message(PLOT + b"\xca\xfe")) is None
-    assert file.getvalue()[8:-4] == PLOT
-    assert writer.notes() == [
-        "its clock counts 10 ms, and it has no date",
-        "1 messages lost what came after their data blocks",
-    ]
-
-
-@pytest.mark.parametrize("length", [0, 1, 8, 11])
-def test_a_frame_that_says_it_is_shorter_than_12_is_passed_over(length: int) -> None:
-    broken = length.to_bytes(2, "big") + frame(PLOT, 1)[2:]
-    messages, reader = read(on_that_day, frame(PLOT, 0) + broken + frame(PLOT, 2))
-    assert [each.log_time_ns - DAY for each in messages] == [0, 20 * MS]
-    size = len(frame(PLOT, 0))
-    assert [each.offset for each in reader.damage] == [size]
-    assert reader.damage[0].what.startswith(f"{size} octets that are no frames")
+SIZE = 12 + len(PLOT)
+BEGINNINGS = [length.to_bytes(2, "big") + frame(PLOT, 1)[2:] for length in (0, 1, 8, 11)]
 
 
 @pytest.mark.parametrize(
-    "lost", [b"\xa5", b"\xa5" * 5, bytes(1000), b"\xa5\xa5\0\xa5\xa5\xa5", PLOT]
+    ("lost", "ticks", "says"),
+    [
+        # Frames that say that they are shorter than 12; and what is none at all.
+        *((each, [0, 2, 3], f"{SIZE} octets that are no frames") for each in BEGINNINGS),
+        (b"\xa5" * 5, [0, 2, 3], "5 octets that are no frames"),
+        *(
+            (each, [0, 3], f"{len(each) + SIZE} octets that are no frames")
+            for each in (b"\xa5", bytes(1000), b"\xa5\xa5\0\xa5\xa5\xa5", PLOT)
+        ),
+        # A time beyond the day is that of the frame before.
+        (frame(PLOT, 8_640_000), [0, 0, 2, 3], "a time of day of 86400 s"),
+    ],
 )
-def test_reading_goes_on_behind_the_trailer_after_what_is_no_frame(lost: bytes) -> None:
-    whole = [frame(PLOT, n) for n in range(3)]
-    messages, reader = read(on_that_day, whole[0] + lost + whole[1] + whole[2])
-    assert [each.payload for each in messages][-1] == PLOT
-    assert len(messages) >= 2
-    assert reader.damage[0].offset == len(whole[0])
-
-
-def test_a_time_beyond_the_day_is_that_of_the_frame_before() -> None:
-    messages, reader = read(on_that_day, frame(PLOT, 5) + frame(PLOT, 8_640_000) + frame(PLOT, 6))
-    assert [each.log_time_ns - DAY for each in messages] == [50 * MS, 50 * MS, 60 * MS]
-    assert [each.offset for each in reader.damage] == [len(frame(PLOT, 5))]
+def test_reading_goes_on_behind_the_trailer_after_what_is_no_frame(
+    lost: bytes, ticks: list[int], says: str
+) -> None:
+    data = frame(PLOT, 0) + lost + frame(PLOT, 2) + frame(PLOT, 3)
+    messages, reader = read(on_that_day, data)
+    assert [(each.log_time_ns - DAY) // (10 * MS) for each in messages] == ticks
+    (damage,) = reader.damage
+    assert damage.offset == SIZE
+    assert says in damage.what
 
 
 def test_an_octet_that_is_turned_costs_two_frames_at_most() -> None:

@@ -7,6 +7,7 @@ import io
 import math
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_input import plots as plots_of
 from support.command import plotfeed_here
-from support.recordings import START_NS, block, block_048, message, plots, written
+from support.recordings import START_NS, block, block_048, message, plots, stored, written
 
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -96,6 +97,10 @@ def number(row: dict[str, str], column: str) -> float:
     return float(row[column] or math.nan)
 
 
+def assert_row(row: Mapping[str, Any], **expected: Any) -> None:
+    assert {name: row[name] for name in expected} == expected
+
+
 def test_a_batch_of_ours_is_a_row_for_each_plot_with_what_was_measured() -> None:
     batch = pb.PlotBatch(sensor="north", scan=3)
     batch.plots.add(time_utc_ns=T_NS, range_m=1234.5, azimuth_deg=0.0, snr_db=-1.0, channel=2)
@@ -103,15 +108,13 @@ def test_a_batch_of_ours_is_a_row_for_each_plot_with_what_was_measured() -> None
     batch.plots[1].range_rate_m_s = -3.5
     topic = "plotfeed/north/plots"
     rows = table(of_kind("PlotBatch", batch.SerializeToString(), topic))
-    assert [row["sensor"] for row in rows] == ["north", "north"]
-    assert rows[0]["time_utc"] == "2026-01-01T12:00:00.500000000Z"
-    assert rows[1]["time_utc"] == "2026-01-01T12:00:00.500000001Z"
-    assert (number(rows[0], "range_m"), rows[0]["azimuth_deg"]) == (1234.5, "0.0")
-    assert (rows[0]["snr_db"], rows[0]["channel"], rows[0]["elevation_deg"]) == ("-1.0", "2", "")
-    assert (rows[1]["range_m"], rows[1]["bistatic_range_m"]) == ("", "7.0")
-    assert (rows[1]["kind"], rows[1]["identity"]) == ("drone", 'a,"b"\nc')
-    assert (rows[0]["doppler_m_s"], rows[1]["doppler_m_s"]) == ("", "-3.5")
-    assert all(row["topic"] == topic for row in rows)
+    first, second = rows
+    assert_row(first, sensor="north", time_utc="2026-01-01T12:00:00.500000000Z", topic=topic)
+    assert_row(second, sensor="north", time_utc="2026-01-01T12:00:00.500000001Z", topic=topic)
+    assert_row(first, range_m="1234.5", azimuth_deg="0.0", snr_db="-1.0", channel="2")
+    assert_row(first, elevation_deg="", doppler_m_s="")
+    assert_row(second, range_m="", bistatic_range_m="7.0", doppler_m_s="-3.5")
+    assert_row(second, kind="drone", identity='a,"b"\nc')
 
 
 def test_plots_of_048_are_in_metres() -> None:
@@ -124,39 +127,32 @@ def test_plots_of_048_are_in_metres() -> None:
     assert [number(row, "range_m") for row in rows] == pytest.approx([2000, 3000], abs=3.7)
     assert [number(row, "azimuth_deg") for row in rows] == [45.0, 90.0]
     assert [number(row, "altitude_m") for row in rows] == pytest.approx([304.8, 304.8])
-    assert [row["height_m"] for row in rows] == ["", ""]
-    assert rows[0]["amplitude_dbm"] == "-60.0"
-    assert [rows[0][name] for name in ("sensor", "category", "sac", "sic")] == [
-        "north",
-        "048",
-        "25",
-        "13",
-    ]
+    expected = {"height_m": "", "amplitude_dbm": "-60.0", "sensor": "north", "category": "048"}
+    assert_row(rows[0], **expected, sac="25", sic="13")
 
 
 @pytest.mark.parametrize("geometry", [Geometry.MONOSTATIC, Geometry.MULTISTATIC])
 def test_plots_of_015_have_their_range_in_the_column_of_its_kind(geometry: Geometry) -> None:
-    bistatic = "bistatic_" if geometry is Geometry.MULTISTATIC else ""
-    measured = {f"{bistatic}range_m": np.array([2000.0, 3000.0])}
-    given_plots = two_plots(
-        **{f"sigma_{bistatic}range_m": 2.5, "elevation_deg": 7.0, "snr": 10.0}
-        | (measured if bistatic else {})
-    )
+    kind, other = "range_m", "bistatic_range_m"
+    measured: dict[str, Any] = {"elevation_deg": 7.0, "snr": 10.0}
+    if geometry is Geometry.MULTISTATIC:
+        kind, other = other, kind
+        measured[kind] = np.array([2000.0, 3000.0])
+    given_plots = two_plots(**measured, **{f"sigma_{kind}": 2.5})
     (payload,) = PlotEncoder015(25, 14, geometry=geometry).blocks(given_plots)
     rows = table(asterix(payload, 15))
-    assert [number(row, f"{bistatic}range_m") for row in rows] == pytest.approx([2000, 3000])
-    assert number(rows[0], f"sigma_{bistatic}range_m") == pytest.approx(2.6)
-    assert rows[0]["range_m" if bistatic else "bistatic_range_m"] == ""
+    assert [number(row, kind) for row in rows] == pytest.approx([2000, 3000])
+    assert number(rows[0], f"sigma_{kind}") == pytest.approx(2.6)
     assert number(rows[0], "elevation_deg") == pytest.approx(7.0, abs=0.003)
-    assert number(rows[0], "snr_db") == 10
-    assert [row["sic"] for row in rows] == ["14", "14"]
+    assert_row(rows[0], **{other: ""}, snr_db="10.0", sic="14")
 
 
-def test_bearings_of_205_have_no_range() -> None:
+def test_bearings_of_205_have_no_range_and_records_that_are_no_plots_are_no_rows() -> None:
     encoder = BearingEncoder205(25, 15, latitude_deg=40.0, longitude_deg=-3.0)
     rows = table(*(asterix(payload, 205) for payload in encoder.blocks(two_plots(), T_NS)))
-    assert [number(row, "azimuth_deg") for row in rows] == [45.0, 90.0]
-    assert [row["range_m"] for row in rows] == ["", ""]
+    assert [(number(row, "azimuth_deg"), row["range_m"]) for row in rows] == [(45, ""), (90, "")]
+    assert table(asterix(block(15, "c0", "190d", "04"), 15)) == []
+    assert table(asterix(block(205, "a0", "190d", "01"), 205)) == []
 
 
 def test_times_of_day_are_those_nearest_to_the_message() -> None:
@@ -187,12 +183,6 @@ def test_what_holds_no_plots_is_told(other: Recorded) -> None:
     assert in_parquet(TableName.PLOTS, other) == ([], ["no plots"])
 
 
-def test_records_that_are_no_plots_are_no_rows() -> None:
-    summary = block(15, "c0", "190d", "04")
-    assert table(asterix(summary, 15)) == []
-    assert table(asterix(block(205, "a0", "190d", "01"), 205)) == []
-
-
 @given(
     st.binary(max_size=60),
     st.sampled_from(["application/x-asterix", of_kind("PlotBatch", b"").content_type, ""]),
@@ -208,20 +198,15 @@ def test_any_octets_are_rows_or_none(
         assert all(set(row) == set(COLUMNS) for row in csv.DictReader(io.StringIO(text)))
 
 
-def test_what_transponders_say_has_its_columns() -> None:
+def test_what_transponders_say_and_tracks_of_062_have_their_columns() -> None:
     payload = block(
         48,
         *("ffd0", "190d", "000000", "a0", "80004000", "0fff", "0578", "20c8"),
         *("3c660c", "10c236d41820", "0102"),
     )
     (row,) = table(asterix(payload, 48))
-    told = ("mode_3a", "flight_level", "ssr_amplitude_dbm", "address", "identity", "track")
-    expected = ["7777", "350.0", "-56.0", "3C660C", "DLH65A  ", "258"]
-    assert [row[name] for name in told] == expected
-    assert row["amplitude_dbm"] == ""
-
-
-def test_tracks_of_062_are_rows() -> None:
+    said = {"mode_3a": "7777", "ssr_amplitude_dbm": "-56.0", "address": "3C660C", "track": "258"}
+    assert_row(row, flight_level="350.0", identity="DLH65A  ", amplitude_dbm="", **said)
     payload = block(
         62,
         *("9f0d20", "190d", "0c8000", "00800000", "ff800000", "0007d0", "fff830", "0040ffc0"),
@@ -229,10 +214,9 @@ def test_tracks_of_062_are_rows() -> None:
     )
     (row,) = table(asterix(payload, 62))
     assert row["time_utc"].endswith("T01:46:40.000000000Z")
-    assert (float(row["latitude_deg"]), float(row["longitude_deg"])) == (45.0, -45.0)
-    assert (row["east_m"], row["north_m"]) == ("1000.0", "-1000.0")
-    assert (row["velocity_east_m_s"], row["velocity_north_m_s"]) == ("16.0", "-16.0")
-    assert (row["track"], row["flight_level"], row["category"]) == ("500", "350.0", "062")
+    place = {"latitude_deg": "45.0", "longitude_deg": "-45.0", "east_m": "1000.0"}
+    moves = {"north_m": "-1000.0", "velocity_east_m_s": "16.0", "velocity_north_m_s": "-16.0"}
+    assert_row(row, **place, **moves, track="500", flight_level="350.0", category="062")
 
 
 LEDGER = pb.Ledger(
@@ -253,23 +237,14 @@ LEDGER = pb.Ledger(
 def test_the_ledger_makes_three_tables() -> None:
     ledger = of_kind("Ledger", LEDGER.SerializeToString())
     (look,), _ = in_parquet(TableName.LOOKS, ledger)
-    assert (look["sensor"], look["scan"], look["sector"]) == ("radar", 17, 3)
-    assert (look["drone"], look["time_utc"], look["pd"], look["detected"]) == (
-        "d",
-        T_NS,
-        0.75,
-        True,
-    )
-    assert look["emitted_utc"] is None
-    truths, _ = in_parquet(TableName.TRUTHS, ledger)
-    assert [truth["drone"] for truth in truths] == ["d", None]
-    assert [truth["range_m"] for truth in truths] == [900.0, None]
-    assert [truth["merged_drones"] for truth in truths] == [["e"], []]
+    assert_row(look, sensor="radar", scan=17, sector=3, emitted_utc=None)
+    assert_row(look, drone="d", time_utc=T_NS, pd=0.75, detected=True)
+    (truth, alarm), _ = in_parquet(TableName.TRUTHS, ledger)
+    assert_row(truth, drone="d", range_m=900.0, merged_drones=["e"])
+    assert_row(alarm, drone=None, range_m=None, merged_drones=[])
     (fate,), _ = in_parquet(TableName.FATES, ledger)
-    assert (fate["fate"], fate["number"], fate["not_to"]) == ("LOST", 4, ["MQTT"])
-    assert fate["sent_utc"] is None
-    rows, said = in_parquet(TableName.FATES, of_kind("Ledger", b"\xff"))
-    assert (rows, said) == ([], ["no fates"])
+    assert_row(fate, fate="LOST", number=4, not_to=["MQTT"], sent_utc=None)
+    assert in_parquet(TableName.FATES, of_kind("Ledger", b"\xff")) == ([], ["no fates"])
 
 
 def test_tracks_have_their_sector_and_null_for_what_a_sensor_does_not_estimate() -> None:
@@ -277,23 +252,17 @@ def test_tracks_have_their_sector_and_null_for_what_a_sensor_does_not_estimate()
     batch = pb.TrackBatch(sensor="s", scan=3, sector=1, kind=pb.PLAIN, tracks=[track])
     sent = of_kind("TrackBatch", batch.SerializeToString(), "p/s/tracks")
     (row,), _ = in_parquet(TableName.TRACKS, sent)
-    expected = {"sensor": "s", "scan": 3, "sector": 1, "kind": "plain", "id": "s-7", "number": 7}
-    expected |= {"latitude_deg": 40.5, "age_s": 0.0, "height_m": None, "sigma_up_m": None}
-    assert {name: row[name] for name in expected} == expected
-    assert (row["coasted"], row["first"], row["last"]) == (False, False, True)
+    assert_row(row, sensor="s", scan=3, sector=1, kind="plain", id="s-7", number=7)
+    assert_row(row, latitude_deg=40.5, age_s=0.0, height_m=None, sigma_up_m=None)
+    assert_row(row, coasted=False, first=False, last=True)
     rows, _ = in_parquet(TableName.TRACKS, of_kind("Ledger", batch.SerializeToString()))
     assert rows == []
-
-
-def test_messages_are_whole() -> None:
     (row,), _ = in_parquet(TableName.MESSAGES, message(b"\x00\xff", topic="a/b", content_type=""))
-    assert (row["topic"], row["payload"], row["octets"]) == ("a/b", b"\x00\xff", 2)
-    assert row["content_type"] is None
+    assert_row(row, topic="a/b", payload=b"\x00\xff", octets=2, content_type=None)
 
 
 def test_a_name_says_which_table(tmp_path: Path) -> None:
-    source = tmp_path / "in.mcap"
-    source.write_bytes(written(lambda file: writer_to(file, FileFormat.MCAP), plots(40)))
+    source = stored(tmp_path / "in.mcap", plots(40))
     for name, expected in (
         ("any.parquet", TableName.PLOTS),
         ("here-messages.parquet", TableName.MESSAGES),

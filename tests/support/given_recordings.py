@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 from support.given_files import more_input, places
 
-from plotfeed.feeds.recording.foreign_recordings import ForeignReader
-
 
 @dataclass(frozen=True)
 class RadarCapture:
@@ -27,28 +25,12 @@ def _path(name: str) -> Path:
 
 
 CAPTURES = [RadarCapture(_path("turning_radar.pcap"), 160, 160, 130)]
-FRAMES_048 = [_path("two_plots.ff")]  # FINAL files of one frame
-FRAMES_062 = [_path("one_track.ff")]
+FRAMES = [_path("two_plots.ff"), _path("one_track.ff")]  # FINAL files of one frame
 if more_input():
     CAPTURES.append(RadarCapture(_path("croatia_cat_034_048.pcap"), 100, 128, 34))
-    FRAMES_048.append(_path("jade_nats_cat048_tcas.ff"))
-    FRAMES_062.append(_path("jade_062_one.ff"))
-FRAMES = FRAMES_048 + FRAMES_062
-
-
-def recorded_payloads() -> list[bytes]:
-    """The payloads of all of them, in their order."""
-    payloads = []
-    for path in [*(each.path for each in CAPTURES), *FRAMES]:
-        with ForeignReader(path) as recording:
-            payloads += [each.payload for each in recording.messages()]
-    assert payloads
-    return payloads
-
-
+    FRAMES += [_path("jade_nats_cat048_tcas.ff"), _path("jade_062_one.ff")]
 EVERY_CAPTURE = pytest.mark.parametrize("capture", CAPTURES, ids=lambda each: each.path.name)
 EVERY_FRAME = pytest.mark.parametrize("frame_file", FRAMES, ids=lambda each: each.name)
-EVERY_FRAME_048 = pytest.mark.parametrize("frame_file", FRAMES_048, ids=lambda each: each.name)
 EVERY_RECORDING = pytest.mark.parametrize(
     "recording", [each.path for each in CAPTURES] + FRAMES, ids=lambda each: each.name
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from itertools import count, pairwise
 
@@ -58,13 +58,16 @@ async def test_at_another_speed_nothing_drifts(gaps_ns: list[int], speed: Fracti
 
 
 @pytest.mark.asyncio
-async def test_what_was_recorded_out_of_order_leaves_in_order_where_it_is_read_in_time() -> None:
+async def test_what_was_recorded_out_of_order_leaves_in_order_and_laps_follow_without_a_seam() -> (
+    None
+):
     ears, _ = await simulated([message(0), message(10 * MS), message(5 * MS), message(12 * MS)])
     assert ears.times() == since(0, 5, 10, 12)
-
-
-@pytest.mark.asyncio
-async def test_before_a_link_the_time_counts_at_which_a_message_was_due() -> None:
+    ears, totals = await simulated(REGULAR, ReplaySettings(laps=3))
+    assert ears.times() == [i * 100 * MS for i in range(30)]
+    assert ears.payloads() == [r.payload for r in REGULAR] * 3
+    assert totals.laps == 3
+    # Before a link the time counts at which a message was due.
     recorded = [
         message(20_000, stage=Stage.BEFORE, publish_since_ns=0),
         message(50 * MS + 90_000, stage=Stage.BEFORE, publish_since_ns=50 * MS),
@@ -74,46 +77,29 @@ async def test_before_a_link_the_time_counts_at_which_a_message_was_due() -> Non
     assert ears.times() == since(0, 50)
 
 
-@pytest.mark.asyncio
-async def test_laps_follow_each_other_without_a_seam() -> None:
-    ears, totals = await simulated(REGULAR, ReplaySettings(laps=3))
-    assert ears.times() == [i * 100 * MS for i in range(30)]
-    assert ears.payloads() == [r.payload for r in REGULAR] * 3
-    assert totals.laps == 3
-
-
 @pytest.mark.parametrize(
-    ("start", "end", "left_ms"),
+    ("start", "end", "laps", "left_ms"),
     [
-        ("0.25", None, [50, 150, 250, 350, 450, 550, 650]),
-        (None, "0.3", [0, 100, 200]),
-        ("0.3", "0.5", [0, 100]),
-        ("2026-01-01T12:00:00.85Z", None, [50]),
-        ("2020-01-01T00:00:00Z", "2026-01-01T13:00:00.2+01:00", [0, 100]),
-        ("5", None, []),
-        ("0.5", "0.2", []),
+        ("0.25", None, 1, [50, 150, 250, 350, 450, 550, 650]),
+        (None, "0.3", 1, [0, 100, 200]),
+        ("0.3", "0.5", 1, [0, 100]),
+        ("2026-01-01T12:00:00.85Z", None, 1, [50]),
+        ("2020-01-01T00:00:00Z", "2026-01-01T13:00:00.2+01:00", 1, [0, 100]),
+        ("5", None, 1, []),
+        ("0.5", "0.2", 1, []),
+        ("0.25", "0.45", 3, [50, 150, 250, 350, 450, 550]),
+        (None, "3600", 2, range(0, 2000, 100)),
     ],
 )
 @pytest.mark.asyncio
-async def test_a_part_begins_and_ends_at_its_times(
-    start: str | None, end: str | None, left_ms: list[int]
+async def test_a_part_begins_and_ends_at_its_times_and_is_repeated_as_long_as_it_is(
+    start: str | None, end: str | None, laps: int, left_ms: Sequence[int]
 ) -> None:
-    part = ReplaySettings(
-        start=None if start is None else Moment.parse(start),
-        end=None if end is None else Moment.parse(end),
-    )
+    first, last = (None if text is None else Moment.parse(text) for text in (start, end))
+    part = ReplaySettings(start=first, end=last, laps=laps)
     ears, _ = await simulated(REGULAR, part)
     begun_ns = REPLAYED + READY_NS
     assert [t - begun_ns for t, _ in ears.heard] == since(*left_ms)
-
-
-@pytest.mark.asyncio
-async def test_a_part_is_repeated_as_long_as_it_is() -> None:
-    part = ReplaySettings(start=Moment.parse("0.25"), end=Moment.parse("0.45"), laps=3)
-    ears, _ = await simulated(REGULAR, part)
-    assert ears.times() == since(0, 100, 200, 300, 400, 500)
-    longer = ReplaySettings(end=Moment.parse("3600"), laps=2)
-    assert (await simulated(REGULAR, longer))[0].times() == [i * 100 * MS for i in range(20)]
 
 
 @pytest.mark.parametrize("laps", [1, 5, None])
@@ -125,17 +111,6 @@ async def test_a_recording_without_messages_is_over_at_once(laps: int | None) ->
         assert totals.laps == 0
     truth = [message(0, "plotfeed/truth")]
     assert (await simulated(truth, ReplaySettings(laps=laps)))[0].heard == []
-
-
-@pytest.mark.asyncio
-async def test_without_deadlines_everything_leaves_in_order_at_simulated_times() -> None:
-    clock = InstantClock(REPLAYED)
-    ears = Ears(clock)
-    settings = ReplaySettings(fastest=True, laps=2)
-    await Replayer(settings, clock=clock).run(Memory(REGULAR), [ears])
-    dues = [m.due_utc_ns for _, m in ears.heard]
-    assert [due - dues[0] for due in dues] == [i * 100 * MS for i in range(20)]
-    assert ears.payloads() == [r.payload for r in REGULAR] * 2
 
 
 class Endless:
@@ -271,19 +246,35 @@ async def test_another_speed_counts_from_then_on() -> None:
     assert control.speed == 1  # after the end there is none
 
 
-@pytest.mark.asyncio
-async def test_a_seek_goes_on_elsewhere() -> None:
-    ears, _ = await steered({3: lambda c: c.seek(RECORDED + 700 * MS)})
-    assert ears.payloads() == [r.payload for r in [*REGULAR[:3], *REGULAR[7:]]]
-    jump_ms = 200 + SEEK_NS // MS
-    assert ears.times() == since(0, 100, 200, jump_ms, jump_ms + 100, jump_ms + 200)
+JUMP_MS = 200 + SEEK_NS // MS
 
 
+@pytest.mark.parametrize(
+    ("steps", "order", "left_ms"),
+    [
+        (
+            {3: lambda c: c.seek(RECORDED + 700 * MS)},
+            [0, 1, 2, 7, 8, 9],
+            [0, 100, 200, JUMP_MS, JUMP_MS + 100, JUMP_MS + 200],
+        ),
+        # Back too, and not before the beginning.
+        (
+            {5: lambda c: c.skip(-0.2), 9: lambda c: c.seek(0)},
+            [0, 1, 2, 3, 4, 2, 3, 4, 5, *range(10)],
+            None,
+        ),
+        ({3: lambda c: c.skip(3600)}, [0, 1, 2], [0, 100, 200]),
+        ({4: lambda c: c.stop()}, [0, 1, 2, 3], [0, 100, 200, 300]),
+    ],
+)
 @pytest.mark.asyncio
-async def test_a_seek_goes_back_too_and_not_before_the_beginning() -> None:
-    ears, _ = await steered({5: lambda c: c.skip(-0.2), 9: lambda c: c.seek(0)})
-    order = [0, 1, 2, 3, 4, 2, 3, 4, 5, *range(10)]
+async def test_a_seek_goes_on_elsewhere_and_it_ends_beyond_the_end_or_when_it_is_stopped(
+    steps: dict[int, Callable[[Replayer], object]], order: list[int], left_ms: list[int] | None
+) -> None:
+    ears, control = await steered(steps)
     assert ears.payloads() == [REGULAR[i].payload for i in order]
+    assert left_ms is None or ears.times() == since(*left_ms)
+    assert control.pace is None
 
 
 @pytest.mark.asyncio
@@ -297,13 +288,6 @@ async def test_a_seek_stays_in_its_lap() -> None:
     ears, _ = await steered({13: seek}, settings=ReplaySettings(laps=3))
     assert laps == [(1, RECORDED + 200 * MS)]
     assert ears.payloads() == [REGULAR[i].payload for i in [*range(10), 0, 1, 2, 8, 9, *range(10)]]
-
-
-@pytest.mark.asyncio
-async def test_a_seek_beyond_the_end_ends_it() -> None:
-    ears, control = await steered({3: lambda c: c.skip(3600)})
-    assert len(ears.heard) == 3
-    assert control.pace is None
 
 
 @pytest.mark.asyncio
@@ -343,12 +327,6 @@ async def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: i
 
 
 @pytest.mark.asyncio
-async def test_it_stops_when_it_is_asked_to() -> None:
-    ears, _ = await steered({4: lambda c: c.stop()}, settings=ReplaySettings(laps=None))
-    assert len(ears.heard) == 4
-
-
-@pytest.mark.asyncio
 async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
     async with asyncio.timeout(PATIENCE_S):
         clock, held = InstantClock(REPLAYED), list[int]()
@@ -370,3 +348,5 @@ async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
         await control.run(Memory(REGULAR), [ears])
     assert held == [10]  # as many as a lap has leave in one go
     assert ears.payloads() == [r.payload for r in REGULAR] * 3
+    dues = [m.due_utc_ns for _, m in ears.heard]
+    assert [due - dues[0] for due in dues[:10]] == [i * 100 * MS for i in range(10)]

@@ -1,10 +1,12 @@
-"""MCAP of ours and of others, read by ours and by the official library."""
+"""MCAP of ours and of others, whole and damaged, read by ours and by the official library."""
 
 from __future__ import annotations
 
 import errno
 import io
 import json
+import struct
+import time
 import tracemalloc
 from collections.abc import Callable, Iterable
 from contextlib import closing
@@ -29,11 +31,11 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.replay import mcap as mcap_file
 from plotfeed.replay.mcap import (
     CHUNK_OCTETS,
+    DEFINE_EVERY,
     ChannelKey,
     McapReader,
     McapWriter,
     properties_of_json,
-    properties_to_json,
 )
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -151,7 +153,8 @@ def test_channels_say_what_their_messages_are() -> None:
     beside = f"properties/{topic}"
     assert channels[beside].message_encoding == "json"
     ((_, _, message),) = reader.iter_messages([beside])
-    assert json.loads(message.data) == dict(after.properties)
+    plain = json.dumps(dict(after.properties), separators=(",", ":"))
+    assert message.data == plain.encode()  # the object that anybody would write
     assert (message.log_time, message.publish_time) == (after.log_time_ns, after.publish_time_ns)
 
 
@@ -222,21 +225,14 @@ def test_what_no_such_file_can_hold_is_refused_and_nothing_of_it_is_there(
     reason = writer.write(recorded()._replace(**more))  # type: ignore[arg-type]
     assert reason is not None
     assert reason.startswith(field)
-    for each in good:
-        writer.write(each)
+    assert [writer.write(each) for each in good] == [None, None]
+    writer._last_id = 65_535
+    assert writer.write(recorded("another")) == "topic: more than 65535 channels"
+    assert writer.write(good[0]) is None
     writer.close()
     found, reader = read_log(file.getvalue())
-    assert (found, reader.damage) == (good, [])
-    assert len(official(file.getvalue())) == 2
-
-
-def test_more_channels_than_there_can_be_are_refused() -> None:
-    writer = McapWriter(io.BytesIO())
-    first, other = messages(2)
-    writer.write(first)
-    writer._last_id = 65_535
-    assert writer.write(other) == "topic: more than 65535 channels"
-    assert writer.write(first) is None
+    assert (found, reader.damage) == ([good[0], good[0], good[1]], [])
+    assert len(official(file.getvalue())) == 3
 
 
 class SmallDisk(io.BytesIO):
@@ -299,25 +295,18 @@ def test_an_index_too_large_for_memory_comes_out_the_same(
         writer.close()
     assert path.read_bytes() == expected
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_the_index_takes_no_more_memory_however_long_the_file(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
     monkeypatch.setattr(mcap_file, "IN_MEMORY_OCTETS", 10_000)
+    records = [b"x" * 20_000, *(i.to_bytes(600, "big") for i in range(1000))]
     with closing(mcap_file.Overflowing(io.BytesIO())) as kept:
-        kept.append(b"x" * 20_000)
+        kept.append(records[0])
         tracemalloc.start()
-        try:
-            for i in range(1000):
-                kept.append(i.to_bytes(600, "big"))
-            grown, _ = tracemalloc.get_traced_memory()
-        finally:
-            tracemalloc.stop()
-        assert grown < 10_000
+        for record in records[1:]:
+            kept.append(record)
+        grown, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert grown < 10_000, "it takes no more memory, however long the file"
         assert kept.count == 1001
-        octets = b"".join(kept)
-        assert octets == b"x" * 20_000 + b"".join(i.to_bytes(600, "big") for i in range(1000))
+        assert b"".join(kept) == b"".join(records)
 
 
 def test_without_room_for_the_index_the_file_ends_whole(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -489,17 +478,6 @@ def test_what_the_official_library_writes_is_read(
     assert (attachment.data, attachment.log_time_ns) == (b"png", 2)
 
 
-PAIRS = st.lists(st.tuples(st.text(), st.text())).map(tuple)
-
-
-@given(PAIRS)
-def test_properties_come_back_in_their_order(pairs: tuple[tuple[str, str], ...]) -> None:
-    data, names = properties_to_json(pairs), dict(pairs)
-    assert properties_of_json(data) == pairs
-    if len(names) == len(pairs):  # it is the object that anybody would write
-        assert data == json.dumps(names, ensure_ascii=False, separators=(",", ":")).encode()
-
-
 @pytest.mark.parametrize(
     "data",
     [
@@ -507,6 +485,215 @@ def test_properties_come_back_in_their_order(pairs: tuple[tuple[str, str], ...])
         *(b'[["a", 1]]', b'["ab"]', b"[" * 100_000, b"9" * 10_000),
     ],
 )
-def test_anything_else_is_an_error(data: bytes) -> None:
+def test_properties_that_are_none_are_an_error(data: bytes) -> None:
     with pytest.raises(DecodeError, match="user properties: expected"):
         properties_of_json(data)
+
+
+# Files that are cut, damaged or made to do harm: what is whole is read, the rest is told of.
+
+CHUNK = 4  # Messages in each
+MAGIC = b"\x89MCAP0\r\n"
+CHUNKED = [
+    Recorded(
+        topic="t",
+        payload=b"%06d" % n,
+        log_time_ns=START_NS + n,
+        publish_time_ns=START_NS,
+        properties=(("id", str(n)),) if n % CHUNK == 0 else (),
+    )
+    for n in range(3 * CHUNK)
+]
+
+
+def examined(data: bytes) -> tuple[list[Recorded], McapReader]:
+    reader = McapReader(io.BytesIO(data))
+    found = list(reader.messages())
+    assert all(0 <= damage.offset <= len(data) for damage in reader.damage)
+    assert all(damage.what and "\n" not in damage.what for damage in reader.damage)
+    assert reader.counts.total() >= 0
+    reader.attachment("scene.toml")
+    return found, reader
+
+
+def chunks_of(found: list[Recorded]) -> set[int]:
+    """Which chunks are there; all of each, in order."""
+    assert found == [m for m in CHUNKED if m in found]
+    numbers = {CHUNKED.index(m) // CHUNK for m in found}
+    assert len(found) == CHUNK * len(numbers)
+    return numbers
+
+
+@pytest.mark.parametrize("close", [True, False])
+def test_a_file_cut_anywhere_has_every_chunk_before_the_cut(close: bool) -> None:
+    data = mcap_of(CHUNKED, flush_every=CHUNK, close=close)
+    ends = [len(mcap_of(CHUNKED[: CHUNK * n], flush_every=CHUNK, close=False)) for n in (1, 2, 3)]
+    for octets in range(len(data)):
+        found, reader = examined(data[:octets])
+        # The indexes of a chunk's messages, which come after it, are not needed.
+        whole = [n for n, end in enumerate(ends) if end <= octets]
+        assert chunks_of(found) in (set(whole), {*whole, len(whole)})
+        assert not reader.is_indexed
+        assert reader.damage
+
+
+@pytest.mark.parametrize("close", [True, False])
+def test_an_octet_changed_left_out_or_put_in_costs_one_chunk_at_most(close: bool) -> None:
+    data = mcap_of(CHUNKED, flush_every=CHUNK, close=close)
+    costly = 0
+    for at in range(len(data)):
+        changed = bytearray(data)
+        changed[at] ^= (0x01, 0xFF)[at % 2]
+        try:
+            found, reader = examined(bytes(changed))
+        except DecodeError:
+            assert at < len(MAGIC) + 1  # what kind of file it is
+            continue
+        costly += is_little_lost(found, reader, close=close)
+        more = (data[:at] + data[at + 1 :], data[:at] + b"\x06" + data[at:])[at // 2 % 2]
+        if at > len(MAGIC):
+            is_little_lost(*examined(more), close=False)
+    assert costly > 100
+
+
+def is_little_lost(found: list[Recorded], reader: McapReader, *, close: bool) -> bool:
+    """One chunk, and without an index also what that alone has told of; whether it is."""
+    lost = {0, 1, 2} - chunks_of(found)
+    assert len(lost) <= 1 or (not close and 0 in lost)
+    assert reader.damage or not lost
+    return bool(lost)
+
+
+def test_the_loss_of_a_chunk_takes_nothing_along_once_channels_are_told_of_again() -> None:
+    recorded = messages((DEFINE_EVERY + 1) * 8)
+    data = bytearray(mcap_of(recorded, flush_every=8, close=False))
+    data[data.index(b"\x28\xb5\x2f\xfd") + 9] ^= 0xFF
+    found, reader = examined(bytes(data))
+    assert found == recorded[8:]
+    assert [damage.offset for damage in reader.damage][1:] == [len(data)]
+
+
+@given(st.binary(max_size=200), st.integers(0, 2000))
+def test_anything_at_all_is_read_or_refused(noise: bytes, at: int) -> None:
+    data = mcap_of(CHUNKED, flush_every=CHUNK)
+    for damaged in (noise, MAGIC + noise, data[:at] + noise + data[at:], data[:at] + noise):
+        try:
+            examined(damaged)
+        except DecodeError as error:
+            assert "expected an MCAP file" in str(error)
+
+
+def record_of(opcode: int, body: bytes, length: int | None = None) -> bytes:
+    return struct.pack("<BQ", opcode, len(body) if length is None else length) + body
+
+
+def chunk(
+    content: bytes, size: int, name: bytes = b"zstd", content_size: int | None = None
+) -> bytes:
+    fields = struct.pack("<QQQI", 0, 1, size, 0) + struct.pack("<I", len(name)) + name
+    octets = len(content) if content_size is None else content_size
+    return record_of(6, fields + struct.pack("<Q", octets) + content)
+
+
+HEADER = record_of(1, bytes(8))
+HUGE = (1 << 63) - 1
+ZSTD_HUGE = bytes.fromhex("28b52ffd e0") + HUGE.to_bytes(8, "little") + bytes(20)
+HOSTILE = {
+    "record": record_of(6, bytes(50), HUGE),
+    "chunk": chunk(bytes(50), HUGE, b""),
+    "zstd": chunk(ZSTD_HUGE, HUGE),
+    "zstd, less": chunk(ZSTD_HUGE, 1 << 28),
+    "lz4": chunk(bytes.fromhex("04224d18 6c40") + bytes(40), HUGE, b"lz4"),
+    "lz4, less": chunk(bytes.fromhex("04224d18 6c40") + bytes(40), 8000, b"lz4"),
+    "content": chunk(bytes(50), 50, b"", HUGE),
+    "unknown compression": chunk(bytes(50), 50, b"bzip2"),
+    "text": record_of(4, struct.pack("<HHI", 1, 0, 0xFFFFFFFF) + bytes(20)),
+    "map": record_of(4, struct.pack("<HHIII", 1, 0, 0, 0, 0xFFFFFFFF) + bytes(20)),
+    "attachment": record_of(9, struct.pack("<QQIIQ", 0, 0, 0, 0, HUGE) + bytes(20)),
+    "zeros": bytes(5000),
+    "records of no length": record_of(0x42, b"") * 1000,
+    "message": record_of(5, bytes(10)),
+    "unknown channel": record_of(5, bytes(22)),
+    "unknown channels without end": record_of(5, bytes(22)) * 20_000,
+    "unknown channel in a chunk": chunk(record_of(5, bytes(22)), 31, b""),
+    "record in a chunk": chunk(record_of(5, bytes(22), HUGE), 31, b""),
+    "short message in a chunk": chunk(record_of(5, bytes(9)) + record_of(5, bytes(9)), 36, b""),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_length_that_lies_allocates_nothing_and_hides_nothing(name: str) -> None:
+    good = mcap_of(CHUNKED, flush_every=CHUNK, close=False)[len(MAGIC) :]
+    data = MAGIC + HEADER + HOSTILE[name] + good
+    tracemalloc.start()
+    try:
+        found, reader = examined(data)
+        _, most_octets = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found == CHUNKED
+    assert 0 < len(reader.damage) <= 1001
+    assert most_octets < 4 << 20
+
+
+def footer(summary: bytes, start: int) -> bytes:
+    return summary + record_of(2, struct.pack("<QQI", start, 0, 0)) + MAGIC
+
+
+def statistics(chunks: int) -> bytes:
+    return record_of(11, struct.pack("<QHIIIIQQI", 9, 0, 0, 0, 0, chunks, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("times", "at", "says"), [(1000, len(mcap_of([], close=False)), "overlap"), (1, 1 << 62, "")]
+)
+def test_an_index_that_points_at_one_chunk_again_and_again_or_nowhere_is_not_believed(
+    times: int, at: int, says: str
+) -> None:
+    data = mcap_of(CHUNKED, flush_every=CHUNK, close=False)
+    place = record_of(8, struct.pack("<QQQQIQIQQ", 0, 1 << 63, at, 200, 0, 0, 0, 0, 0))
+    index = place * times + statistics(times)
+    found, reader = examined(data + record_of(15, bytes(4)) + footer(index, len(data) + 13))
+    assert found == CHUNKED
+    assert any(says in damage.what for damage in reader.damage)
+
+
+def test_an_index_may_be_larger_than_any_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = mcap_of(CHUNKED * 40, flush_every=CHUNK)
+    at = data.index(record_of(15, bytes(4))[:9])  # the end of the data, before the index
+    monkeypatch.setattr(mcap_file, "MAX_RECORD_OCTETS", (len(data) - at) // 4)
+    reader = McapReader(io.BytesIO(data))
+    assert reader.is_indexed
+    assert not reader.damage
+    assert reader.counts.total() == 40 * len(CHUNKED)
+
+
+def test_what_is_broken_everywhere_takes_no_longer_than_it_should() -> None:
+    """Each piece claims the rest of the file, so that reading all of each would never end."""
+    piece = chunk(b"", 1, b"")
+    count = 20_000
+    pieces = []
+    for n in range(count):
+        left = (count - n) * len(piece) - len(piece)
+        length = left + len(piece) - 9
+        fields = struct.pack("<QQQI", 0, 1, 1, 0) + bytes(4) + struct.pack("<Q", left)
+        pieces.append(struct.pack("<BQ", 6 if n % 2 else 9, length) + fields)
+    began = time.process_time()
+    _, reader = examined(MAGIC + HEADER + b"".join(pieces))
+    assert reader.damage
+    assert time.process_time() - began < 60
+
+
+def test_foreign_messages_outside_chunks_survive_damage_between_them() -> None:
+    file = io.BytesIO()
+    writer = Writer(file, use_chunking=False)
+    writer.start()
+    channel = writer.register_channel("t", "json", 0)
+    for n in range(9):
+        writer.add_message(channel, n, b"{}", n)
+    data = file.getvalue()
+    at = data.rindex(struct.pack("<BQ", 5, 24), 0, len(data) - 40)
+    changed = data[:at] + b"\x55" + data[at + 1 :]
+    found, reader = examined(changed)
+    assert len(found) == 8
+    assert [damage.offset for damage in reader.damage] == [at, len(data)]

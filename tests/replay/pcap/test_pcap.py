@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import itertools
 import struct
+import subprocess
 from pathlib import Path
 
 import dpkt
@@ -11,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_readers import tshark_fields
 from support.given_recordings import EVERY_CAPTURE, RadarCapture
-from support.recordings import START_NS, block_048, message, plots, read, written
+from support.recordings import (
+    START_NS,
+    block_048,
+    is_read_whatever_it_is,
+    message,
+    plots,
+    read,
+    written,
+)
+from support.tools import needed
 
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.replay import pcap as captures
@@ -30,10 +40,11 @@ from plotfeed.replay.pcap import (
     RAW,
     SOURCE,
     TAIL,
+    PcapngReader,
     PcapReader,
     PcapWriter,
 )
-from plotfeed.replay.recorded import Damage, Recorded
+from plotfeed.replay.recorded import Recorded
 
 PLOT = block_048(43_200)
 HERE, THERE = bytes([10, 0, 0, 1]), bytes([239, 1, 2, 3])
@@ -79,20 +90,16 @@ def again(data: bytes) -> bytes:
     return written(PcapWriter, messages_of(data))
 
 
-def damage_of(data: bytes) -> list[Damage]:
-    messages, reader = read(PcapReader, data)
-    assert messages == []
-    return reader.damage
-
-
 def test_a_datagram_is_a_message_with_its_times_its_destination_and_its_sender() -> None:
     messages = messages_of(pcap(frame(), frame()))
-    assert [each.log_time_ns - START_NS for each in messages] == [0, 1_500_000]
-    assert [each.publish_time_ns - START_NS for each in messages] == [0, 1_500_000]
-    assert messages[0].topic == "udp/239.1.2.3/8600"
-    assert messages[0].content_type == "application/x-asterix; cat=48"
-    assert messages[0].properties[0] == (SOURCE, "10.0.0.1/4000")
-    assert messages[0].payload == PLOT
+    for n, each in enumerate(messages):
+        assert each.log_time_ns == each.publish_time_ns == START_NS + n * 1_500_000
+        assert each.topic == "udp/239.1.2.3/8600"
+        assert each.content_type == "application/x-asterix; cat=48"
+        assert each.properties[0] == (SOURCE, "10.0.0.1/4000")
+    # A payload ends where UDP says and not with the padding.
+    padded = pcap(frame(), frame(b"\1") + bytes(20), frame(b"") + bytes(30))
+    assert payloads(padded) == [PLOT, b"\1", b""]
 
 
 def packets_of(ip: bytes, protocol: int) -> dict[str, tuple[int, bytes]]:
@@ -124,10 +131,6 @@ def test_every_link_type_and_both_versions_of_ip(six: bool) -> None:
         assert (name, reader.damage) == (name, [])
         assert [each.payload for each in messages] == [PLOT]
         assert messages[0].topic == ("udp/ff15::7/8600" if six else "udp/239.1.2.3/8600")
-
-
-def test_a_payload_ends_where_udp_says_and_not_with_the_padding() -> None:
-    assert payloads(pcap(frame(b"\1") + bytes(20), frame(b"") + bytes(30))) == [b"\1", b""]
 
 
 def test_content_types_tell_asterix_from_other_payloads() -> None:
@@ -181,28 +184,31 @@ def test_a_packet_that_was_cut_when_it_was_captured_is_damage_and_the_next_is_re
     assert reader.damage[0].what == "a UDP payload of 14 octets, 13 are there"
 
 
-def test_hostile_lengths_are_one_damage_and_the_end() -> None:
-    header = pcap()
-    huge = header + struct.pack("<IIII", 1, 0, 0xFFFFFFFF, 0xFFFFFFFF) + bytes(100)
-    assert damage_of(huge) == [
-        Damage(offset=24, what="a packet of 4294967295 octets; at most 262144")
-    ]
-    cut = header + struct.pack("<IIII", 1, 0, 262_144, 262_144) + bytes(100)
-    assert damage_of(cut) == [Damage(offset=24, what="a packet of 262144 octets, 100 are there")]
+def record(octets: int) -> bytes:
+    return pcap() + struct.pack("<IIII", 1, 0, octets, octets) + bytes(100)
 
 
-def test_an_unknown_link_type_is_told_once() -> None:
-    (damage,) = damage_of(pcap(frame(), frame(), link_type=147))
-    assert damage.offset == 20
-    assert "link type 147; expected one of 0, 1, 12, 14, 101, 113, 228, 229, 276" in damage.what
+LINK_TYPES_SAID = "link type 147; expected one of 0, 1, 12, 14, 101, 113, 228, 229, 276"
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\xd4\xc3", b"no pcap at all, but long enough", pcap()[:23]]
+    ("data", "offset", "says"),
+    [
+        (record(0xFFFFFFFF), 24, "a packet of 4294967295 octets; at most 262144"),
+        (record(262_144), 24, "a packet of 262144 octets, 100 are there"),
+        (pcap(frame(), frame(), link_type=147), 20, f"packets of {LINK_TYPES_SAID}"),
+        (b"", 0, "expected the first octets of a pcap"),
+        (b"\xd4\xc3", 0, "expected the first octets of a pcap"),
+        (b"no pcap at all, but long enough", 0, "expected the first octets of a pcap"),
+        (pcap()[:23], 0, "a header of 23 octets"),
+    ],
 )
-def test_what_does_not_begin_as_a_pcap_is_one_damage(data: bytes) -> None:
-    (damage,) = damage_of(data)
-    assert damage.offset == 0
+def test_what_cannot_be_read_at_all_is_one_damage(data: bytes, offset: int, says: str) -> None:
+    messages, reader = read(PcapReader, data)
+    assert messages == []
+    (damage,) = reader.damage
+    assert damage.offset == offset
+    assert says in damage.what
 
 
 @given(st.sampled_from([NULL, ETHERNET, RAW, COOKED, COOKED_2]), st.binary(max_size=80))
@@ -215,31 +221,23 @@ def recorded(payload: bytes, n: int = 0, topic: str = "udp/239.1.2.3/8600") -> R
     return message(payload, START_NS + n, topic=topic, properties=((SOURCE, "10.0.0.1/4000"),))
 
 
-def test_topics_of_mqtt_become_addresses_of_their_own_and_are_told() -> None:
+def test_topics_of_mqtt_become_addresses_of_their_own_and_what_cannot_be_held_is_told() -> None:
     file = io.BytesIO()
     writer = PcapWriter(file)
-    for topic in ("plotfeed/a/asterix/048", "plotfeed/b/asterix/048", "plotfeed/a/asterix/048"):
-        assert writer.write(message(PLOT, topic=topic)) is None
+    topics = ("plotfeed/a/asterix/048", "plotfeed/b/asterix/048", "plotfeed/a/asterix/048")
+    assert [writer.write(message(PLOT, topic=topic)) for topic in topics] == [None] * 3
     got, _ = read(PcapReader, file.getvalue())
-    assert [each.topic for each in got] == [
-        "udp/127.1.0.0/8600",
-        "udp/127.1.0.1/8600",
-        "udp/127.1.0.0/8600",
-    ]
+    assert [each.topic for each in got] == [f"udp/127.1.0.{n}/8600" for n in (0, 1, 0)]
     assert writer.notes()[1:] == [
-        "plotfeed/a/asterix/048 became 127.1.0.0:8600",
-        "plotfeed/b/asterix/048 became 127.1.0.1:8600",
+        f"plotfeed/{name}/asterix/048 became 127.1.0.{n}:8600" for n, name in enumerate("ab")
     ]
-
-
-def test_what_a_capture_cannot_hold_is_told() -> None:
-    writer = PcapWriter(io.BytesIO())
-    assert (
-        writer.write(message(b"{}", content_type="application/json")) == "neither UDP nor ASTERIX"
-    )
-    assert writer.write(recorded(bytes(65_508))) == "longer than a datagram's 65507 octets"
-    assert writer.write(message(PLOT, 1 << 63)) == "of a time after 2106"
-    assert writer.write(message(PLOT, topic="udp/somewhere/99999")) is None
+    for each, why in (
+        (message(b"{}", content_type="application/json"), "neither UDP nor ASTERIX"),
+        (recorded(bytes(65_508)), "longer than a datagram's 65507 octets"),
+        (message(PLOT, 1 << 63), "of a time after 2106"),
+        (message(PLOT, topic="udp/somewhere/99999"), None),
+    ):
+        assert writer.write(each) == why
 
 
 @given(st.binary(max_size=101), st.booleans())
@@ -321,11 +319,10 @@ def test_a_capture_of_one_ip_takes_no_other(link_type: int, six: bool) -> None:
 @pytest.mark.parametrize("six", [False, True])
 @pytest.mark.parametrize("link_type", OF_BOTH)
 def test_every_header_and_every_link_layer_comes_back(link_type: int, six: bool) -> None:
-    for order in "<>":
-        for ns in (False, True):
-            packets = [frame(link_type=link_type, six=each) for each in (six, False)]
-            data = pcap(*packets, link_type=link_type, order=order, ns=ns, snap=100, more=5)
-            assert again(data) == data
+    packets = [frame(link_type=link_type, six=each) for each in (six, False)]
+    for order, ns in itertools.product("<>", (False, True)):
+        data = pcap(*packets, link_type=link_type, order=order, ns=ns, snap=100, more=5)
+        assert again(data) == data
 
 
 @given(
@@ -337,13 +334,11 @@ def test_tags_padding_addresses_and_wrong_checksums_come_back(
     plain = frame()
     wrong = plain[:40] + checksum + plain[42:]
     no_lengths = plain[:16] + b"\0\0" + plain[18:24] + b"\0\0" + plain[26:]
-    data = pcap(hardware + VLAN + plain[MAC:] + tail, hardware + wrong[MAC:] + tail, no_lengths)
-    assert again(data) == data
-
-
-def test_the_frame_check_sequence_that_a_header_tells_of_comes_back() -> None:
-    data = pcap(frame() + b"\1\2\3\4", link_type=ETHERNET | 0x2400_0000)
-    assert again(data) == data
+    packets = (hardware + VLAN + plain[MAC:] + tail, hardware + wrong[MAC:] + tail, no_lengths)
+    # Of the second the header tells that frame check sequences are there.
+    for link_type in (ETHERNET, ETHERNET | 0x2400_0000):
+        data = pcap(*packets, link_type=link_type)
+        assert again(data) == data
 
 
 @pytest.mark.parametrize("payload", [block_048(50_000), PLOT + PLOT, b"", bytes(65_507)])
@@ -367,8 +362,7 @@ def test_options_and_time_to_live_stay_with_another_payload() -> None:
     head[0], head[8] = 0x46, 3
     (was,) = messages_of(pcap(bytes(head[:2] + b"\0\x2e" + head[4:]) + PLOT, link_type=RAW))
     changed = written(PcapWriter, [was._replace(payload=PLOT * 2)])
-    (now,) = messages_of(changed)
-    assert now.payload == PLOT * 2
+    assert payloads(changed) == [PLOT * 2]
     ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
     ip = dpkt.ip.IP(octets)
     assert (ip.ttl, ip.opts, ip.len) == (3, b"\x94\4\0\0", len(octets))
@@ -438,3 +432,154 @@ def test_whatever_the_properties_say_the_payload_goes_where_the_topic_says(
         written(PcapWriter, [was._replace(payload=payload, properties=properties)])
     )
     assert (now.payload, now.topic) == (payload, was.topic)
+
+
+# pcapng, as Wireshark writes it.
+
+FRAME = frame()
+SECTION, INTERFACE, OBSOLETE, SIMPLE, STATISTICS, ENHANCED = 0x0A0D0D0A, 1, 2, 3, 5, 6
+
+
+class Capture:
+    """Blocks of a pcapng in one byte order."""
+
+    def __init__(self, order: str = "<") -> None:
+        self.order = order
+        self.data = b""
+        self.block(SECTION, self.pack("IHHq", 0x1A2B3C4D, 1, 0, -1))
+
+    def pack(self, form: str, *values: int) -> bytes:
+        return struct.pack(f"{self.order}{form}", *values)
+
+    def block(self, kind: int, body: bytes) -> Capture:
+        body += bytes(-len(body) % 4)
+        length = self.pack("I", 12 + len(body))
+        self.data += self.pack("I", kind) + length + body + length
+        return self
+
+    def interface(self, *options: tuple[int, bytes], link_type: int = 1, snap: int = 0) -> Capture:
+        body = self.pack("HHI", link_type, 0, snap)
+        for code, value in options:
+            body += self.pack("HH", code, len(value)) + value + bytes(-len(value) % 4)
+        return self.block(INTERFACE, body + (bytes(4) if options else b""))
+
+    def enhanced(self, ticks: int, packet: bytes = FRAME, number: int = 0) -> Capture:
+        fields = (number, ticks >> 32, ticks & 0xFFFFFFFF, len(packet), len(packet))
+        return self.block(ENHANCED, self.pack("IIIII", *fields) + packet)
+
+
+def packets_in(data: bytes) -> list[Recorded]:
+    messages, reader = read(PcapngReader, data)
+    assert reader.damage == []
+    return messages
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_packets_of_every_kind_in_either_byte_order(order: str) -> None:
+    us = START_NS // 1000
+    capture = Capture(order).interface().enhanced(us).block(STATISTICS, bytes(40))
+    fields = capture.pack("HHIIII", 0, 7, us >> 32, us & 0xFFFFFFFF, len(FRAME), len(FRAME))
+    capture.block(OBSOLETE, fields + FRAME)
+    capture.block(SIMPLE, capture.pack("I", len(FRAME)) + FRAME)
+    messages = packets_in(capture.data)
+    assert [each.payload for each in messages] == [PLOT] * 3
+    assert [each.log_time_ns for each in messages] == [START_NS] * 3
+    assert {each.topic for each in messages} == {"udp/239.1.2.3/8600"}
+    capture = Capture(order).interface(snap=len(FRAME))  # of a simple one, what was captured
+    capture.block(SIMPLE, capture.pack("I", len(FRAME) + 500) + FRAME)
+    assert [each.payload for each in packets_in(capture.data)] == [PLOT]
+
+
+@pytest.mark.parametrize(
+    ("options", "ticks", "t_ns"),
+    [
+        ([], 1_500_001, 1_500_001_000),
+        ([(9, b"\x09")], 1_500_000_001, 1_500_000_001),
+        ([(9, b"\x03")], 1500, 1_500_000_000),
+        ([(9, b"\x0c")], 1_500_000_000_999, 1_500_000_000),
+        ([(9, b"\x81")], 3, 1_500_000_000),
+        ([(2, b"eth0"), (9, b"\x80")], 3, 3_000_000_000),
+        ([(14, b"\5" + bytes(7))], 1, 5_000_001_000),
+        ([(9, b"\xff")], 1 << 63, 0),
+    ],
+)
+def test_times_are_in_the_unit_and_from_the_offset_of_their_interface(
+    options: list[tuple[int, bytes]], ticks: int, t_ns: int
+) -> None:
+    (one,) = packets_in(Capture().interface(*options).enhanced(ticks).data)
+    assert one.log_time_ns == t_ns
+
+
+def test_each_section_has_its_own_byte_order_and_interfaces() -> None:
+    first = Capture("<").interface().interface((9, b"\x09")).enhanced(7, number=1)
+    second = Capture(">").interface((9, b"\x06")).enhanced(8)
+    assert [each.log_time_ns for each in packets_in(first.data + second.data)] == [7, 8000]
+
+
+def test_what_is_wrong_in_a_block_costs_that_block() -> None:
+    capture = Capture().interface()
+    before = len(capture.data)
+    capture.enhanced(1, number=1)
+    capture.block(ENHANCED, capture.pack("IIIII", 0, 0, 0, 1000, 1000) + FRAME)
+    capture.block(ENHANCED, bytes(8)).block(INTERFACE, b"").block(SIMPLE, b"")
+    capture.enhanced((1 << 64) - 1).enhanced(1)
+    messages, reader = read(PcapngReader, capture.data)
+    assert len(messages) == 1
+    assert len(reader.damage) == 6
+    assert reader.damage[0].offset == before
+    assert reader.damage[0].what == "a packet of interface 1, which is not described"
+    one = Capture().interface().data[28:]
+    _, reader = read(PcapngReader, Capture().data + one * 5000)  # interfaces without end
+    assert 0 < len(reader.damage) <= 1001
+
+
+@pytest.mark.parametrize(
+    ("data", "offset"),
+    [
+        (b"", None),
+        (b"\n\r\r\n", 0),
+        (b"no pcapng, but long enough", 0),
+        (b"\n\r\r\n\x1c\0\0\0\0\0\0\0" + bytes(16), 0),
+        (Capture().data + bytes(8), 28),
+        (Capture().data + struct.pack("<II", 6, 0xFFFFFFFF) + bytes(50), 28),
+        (Capture().data + struct.pack("<II", 99, 0xFFFFFFFF) + bytes(50), 28),
+        (Capture().data + struct.pack("<III", 99, 12, 16), 28),
+    ],
+)
+def test_hostile_lengths_are_one_damage_and_the_end(data: bytes, offset: int | None) -> None:
+    messages, reader = read(PcapngReader, data)
+    assert messages == []
+    assert [each.offset for each in reader.damage] == ([] if offset is None else [offset])
+
+
+def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole() -> None:
+    capture = Capture(">").interface((9, b"\x09"), (14, bytes(8))).enhanced(1)
+    capture.block(STATISTICS, bytes(20)).block(SIMPLE, capture.pack("I", len(FRAME)) + FRAME)
+    is_read_whatever_it_is(PcapngReader, capture.data, other_parts=4)
+
+
+@given(st.sampled_from([1, 2, 3, 5, 6, 99]), st.binary(max_size=80))
+def test_any_block_leaves_the_next_one_whole(kind: int, body: bytes) -> None:
+    capture = Capture().interface().block(kind, body).enhanced(1)
+    messages, _ = read(PcapngReader, capture.data)
+    assert messages[-1].payload == PLOT
+
+
+@EVERY_CAPTURE
+def test_a_capture_that_wireshark_converts_is_what_it_was(
+    capture: RadarCapture, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.pcapng"
+    subprocess.run([needed("editcap"), "-F", "pcapng", capture.path, path], check=True, timeout=60)
+    theirs = packets_in(path.read_bytes())
+    for one, other in zip(theirs, messages_of(capture.path.read_bytes()), strict=True):
+        properties = dict(one.properties) | {FILE: dict(other.properties)[FILE]}
+        assert one._replace(properties=tuple(properties.items())) == other
+
+
+def test_packets_with_tags_and_padding_become_those_of_a_pcap() -> None:
+    tagged = FRAME[:12] + b"\x81\0\0\7" + FRAME[12:] + bytes(5)
+    one = Capture().interface((9, b"\x09")).enhanced(7, tagged)
+    data = written(PcapWriter, packets_in(one.data))
+    assert data[24 + 16 :] == tagged
+    assert [each.log_time_ns for each in read(PcapReader, data)[0]] == [7]
