@@ -75,8 +75,10 @@ def report(t_ns: int) -> PositionReport:
 
 
 @given(st.integers(0, 2_000_000_000 * NS), st.integers(0, 1_000_000_000 * NS))
-def test_telemetry_in_json_tells_the_other_time_and_all_else(t_ns: int, shift_ns: int) -> None:
-    assert decode(retime_json(report(t_ns).to_json(), shift_ns)) == report(t_ns + shift_ns)
+def test_telemetry_tells_the_other_time_and_all_else(t_ns: int, shift_ns: int) -> None:
+    before, after = report(t_ns), report(t_ns + shift_ns)
+    assert decode(retime_json(before.to_json(), shift_ns)) == after
+    assert decode(retime_protobuf(before.to_protobuf(), pb.Telemetry, shift_ns)) == after
 
 
 def test_json_keeps_every_other_character() -> None:

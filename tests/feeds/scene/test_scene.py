@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import jsonschema
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support import every_kind
 from support.scene_files import radar, scene_file, scene_text
@@ -423,6 +423,7 @@ def test_traps_have_the_lines_that_they_have() -> None:
 
 
 @given(st.text(alphabet="ab=[]{}.,'\"\\#\n 1", max_size=40))
+@example("a=[=")
 def test_a_text_that_is_not_toml_has_an_end(text: str) -> None:
     key_lines(text)
     assert key_lines("a = " + "[" * 20_000) == {}  # too deep

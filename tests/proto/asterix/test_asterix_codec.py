@@ -126,6 +126,8 @@ def test_editions_differ_where_they_are_said_to() -> None:
         ("300008 0101010405", 8),
         ("300006 0120ff", 6),  # a count without its members
         ("300005 2021", 5),  # an extension that does not come
+        ("30000f 0130 01 0000000000000000 01", 14),  # behind counted members, half an item
+        ("300009 010160 0f04 01", 8),  # likewise behind members that flags end
         ("220007 0180 ff 00", 6),  # a count that outnumbers the input
     ],
 )
