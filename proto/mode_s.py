@@ -133,21 +133,19 @@ def _altitude_ft(code: int, *, is_geometric: bool) -> float:
     return ((code >> 5) << 4 | code & 0xF) * 25.0 - 1000.0
 
 
+def _signed(field: int, sign: int, last: int, step: float) -> float:
+    """A number behind the bit of its sign; NaN for 0, which says that it is not known."""
+    size = _bits(field, sign + 1, last)
+    return (size - 1) * step * (-1 if _bits(field, sign, sign) else 1) if size else math.nan
+
+
 def _velocity(field: int) -> GroundVelocity | None:
-    east, north = _bits(field, 15, 24), _bits(field, 26, 35)
-    if not east or not north:
-        return None
     step_kt = 4.0 if _bits(field, 6, 8) == 2 else 1.0
-    climb, apart = _bits(field, 38, 46), _bits(field, 50, 56)
+    east_kt, north_kt = _signed(field, 14, 24, step_kt), _signed(field, 25, 35, step_kt)
+    if math.isnan(east_kt + north_kt):
+        return None
     return GroundVelocity(
-        east_kt=(east - 1) * step_kt * (-1 if _bits(field, 14, 14) else 1),
-        north_kt=(north - 1) * step_kt * (-1 if _bits(field, 25, 25) else 1),
-        climb_ft_min=(climb - 1) * 64.0 * (-1 if _bits(field, 37, 37) else 1)
-        if climb
-        else math.nan,
-        geometric_less_pressure_ft=(apart - 1) * 25.0 * (-1 if _bits(field, 49, 49) else 1)
-        if apart
-        else math.nan,
+        east_kt, north_kt, _signed(field, 37, 46, 64.0), _signed(field, 49, 56, 25.0)
     )
 
 

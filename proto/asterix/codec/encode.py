@@ -313,19 +313,9 @@ def profile(category: Category, paths: Iterable[str]) -> Profile:
     What is repetitive is followed by how often: "I016/410*2" has the slots of "I016/410/0" and
     "I016/410/1".
     """
-    chosen = dict(map(_split, paths))
-    drawn = Profile(chosen)
-    places = [
-        place
-        for place, item in enumerate(category.uap)
-        if item and any(is_at(path, item.name) for path in chosen)
-    ]
-    drawn.flags(places)
-    for place in places:
-        item = category.uap[place]
-        if item is not None:
-            drawn.item(item)
-    if unknown := chosen.keys() - drawn.used:
+    drawn = Profile(dict(map(_split, paths)))
+    drawn.slots_chosen(category.uap)
+    if unknown := drawn.chosen.keys() - drawn.used:
         raise EncodeError(f"category {category.number} has no such item", field=min(unknown))
     return drawn
 
@@ -360,12 +350,23 @@ class Profile:
         self.octets += octets
         self.template = self.template << octets * 8 | bits
 
-    def flags(self, places: Sequence[int]) -> None:
-        """The octets of seven flags and FX that announce those places, counted from 0."""
-        last = max(places, default=0) // 7
+    def slots_chosen(self, slots: Sequence[Item | None], above: str = "") -> bool:
+        """Octets of seven flags and FX, and the items that they announce; whether there are any.
+
+        `above` comes before the names of the slots.
+        """
+        there = {
+            place: (each, f"{above}{each.name}")
+            for place, each in enumerate(slots)
+            if each and any(is_at(path, f"{above}{each.name}") for path in self.chosen)
+        }
+        last = max(there, default=0) // 7
         for octet in range(last + 1):
-            bits = sum(1 << 7 - place % 7 for place in places if place // 7 == octet)
+            bits = sum(1 << 7 - place % 7 for place in there if place // 7 == octet)
             self._append(1, bits | (octet < last))
+        for item, path in there.values():
+            self.item(item, path)
+        return bool(there)
 
     def group(self, prefix: str, group: Group, *, more: bool = False, named: bool = False) -> None:
         """A group; its only part needs no name unless `named`. `more` is its extension bit."""
@@ -375,9 +376,8 @@ class Profile:
             path = f"{prefix}/{part.name}" if named or len(group.fields) > 1 else prefix
             self.drawn.append((path, part, end - right))
 
-    def item(self, item: Item, path: str = "") -> None:
-        """An item, or a subfield at `path`."""
-        path = path or item.name
+    def item(self, item: Item, path: str) -> None:
+        """An item, or a subfield, at its path."""
         self.used.add(path)
         match item:
             case Fixed(_, group):
@@ -386,18 +386,20 @@ class Profile:
                 self._extended(path, groups)
             case Repetitive(_, group):
                 self._repetitive(path, group)
-            case Compound():
-                self._compound(item)
+            case Compound(_, subfields):
+                if not self.slots_chosen(subfields, f"{path}/"):
+                    asked = min(each for each in self.chosen if is_at(each, path))
+                    raise EncodeError("name a subfield that it has", field=asked)
             case _:
                 raise EncodeError("an item of no fixed length fits no profile", field=path)
 
     def _extended(self, path: str, groups: Sequence[Group]) -> None:
-        last = 0
-        for index, group in enumerate(groups):
-            paths = {f"{path}/{part.name}" for part, _ in group.fields}
-            if found := paths & self.chosen.keys():
-                self.used |= found
-                last = index
+        asked = [
+            self.chosen.keys() & {f"{path}/{part.name}" for part, _ in group.fields}
+            for group in groups
+        ]
+        self.used.update(*asked)
+        last = max((index for index, found in enumerate(asked) if found), default=0)
         for index, group in enumerate(groups[: last + 1]):
             self.group(path, group, more=index < last, named=True)
 
@@ -409,19 +411,6 @@ class Profile:
             self._append(1, times)
         for index in range(times):
             self.group(f"{path}/{index}", group, more=group.fx and index < times - 1)
-
-    def _compound(self, item: Compound) -> None:
-        subfields = {
-            place: sub
-            for place, sub in enumerate(item.subfields)
-            if sub and any(is_at(path, f"{item.name}/{sub.name}") for path in self.chosen)
-        }
-        if not subfields:
-            asked = min(path for path in self.chosen if is_at(path, item.name))
-            raise EncodeError("name a subfield that it has", field=asked)
-        self.flags(list(subfields))
-        for sub in subfields.values():
-            self.item(sub, f"{item.name}/{sub.name}")
 
 
 def is_at(path: str, name: str) -> bool:
