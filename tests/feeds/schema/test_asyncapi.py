@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,6 @@ from plotfeed.proto.message_kinds import OUR_MESSAGES
 from plotfeed.testing import START_NS, MqttMessage, MqttReceiver, fly, held, rotating, staring
 
 PREFIX = "north/site/7"
-OF_SENSORS = ("status", "settings", "description", "sapient")
 SPEED = 5.0
 DURATION_S = 21.0  # Of the scene: what is periodic comes every ten seconds
 TELEMETRY = {
@@ -76,22 +76,21 @@ def scene(**mqtt: Any) -> Scene:
     )
 
 
-async def published(what: Scene, port: int) -> tuple[list[MqttMessage], set[str], dict[str, int]]:
-    """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
+async def published(what: Scene, port: int) -> tuple[list[MqttMessage], dict[str, Message]]:
+    """All messages of a session as an MQTT 5 client hears them, and as they left.
 
-    QoS is that with which messages left, by their sources and ids: a broker may
-    deliver with a lower one.
+    The latter by their sources and ids: a broker may deliver with a lower QoS.
     """
-    heard: list[MqttMessage] = []
-    retained: set[str] = set()
-    qos: dict[str, int] = {}
+    left: dict[str, Message] = {}
+    ready = asyncio.Event()
 
     def tap(message: Message, _t_utc_ns: int) -> None:
-        qos[event_of(dict(message.properties))] = message.qos
+        left[event_of(dict(message.properties))] = message
 
-    async def session() -> None:
-        ears = await asyncio.to_thread(MqttReceiver, port, 5, "#")
-        ready = asyncio.Event()
+    def is_last(message: MqttMessage, sensor: str) -> bool:
+        return message.topic == f"{PREFIX}/{sensor}/status" and b"OFFLINE" in message.payload
+
+    with await asyncio.to_thread(MqttReceiver, port, 5, "#") as ears:
         running = asyncio.create_task(
             run(
                 what,
@@ -105,32 +104,11 @@ async def published(what: Scene, port: int) -> tuple[list[MqttMessage], set[str]
         await ready.wait()
         ears.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
         ears.publish(f"{PREFIX}/{SENSORS[0]['id']}/sapient/task", task(ONE, request="Registration"))
-        late = asyncio.create_task(asyncio.to_thread(hear_retained))
         await running
-        retained.update(await late)
         for sensor in SENSORS:
-            topic = f"{PREFIX}/{sensor['id']}/status"
-            await asyncio.to_thread(
-                ears.wait_for,
-                lambda m, topic=topic: m.topic == topic and b"OFFLINE" in m.payload,  # type: ignore[misc]
-            )
-        await asyncio.to_thread(ears.close)
-        heard.extend(ears.heard)
-
-    def hear_retained() -> set[str]:
-        # Of all messages it has more than this broker hands to one client while it is busy.
-        with MqttReceiver(port, 5, f"{PREFIX}/+/status") as first:
-            for sensor in SENSORS:
-                first.wait_for(lambda m, s=sensor: m.topic.endswith(f"{s['id']}/status"))  # type: ignore[misc]
-        with MqttReceiver(port, 5, f"{PREFIX}/#") as late:
-            # What is retained comes before what is not, also where the session has ended by now.
-            late.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
-            late.wait_for(lambda m: not m.retained)
-            return {m.topic for m in late.heard if m.retained}
-
-    await asyncio.wait_for(session(), 120)
+            await asyncio.to_thread(ears.wait_for, partial(is_last, sensor=sensor["id"]))
     inbound = ("/telemetry/nobody", "/sapient/task")
-    return [m for m in heard if not m.topic.endswith(inbound)], retained, qos
+    return [m for m in ears.heard if not m.topic.endswith(inbound)], left
 
 
 def event_of(attributes: dict[str, str]) -> str:
@@ -194,7 +172,7 @@ async def test_what_a_session_publishes_is_what_the_document_says(
 ) -> None:
     port = free_port()
     with own_broker(tmp_path, port):
-        heard, retained, qos = await published(scene(), port)
+        heard, left = await asyncio.wait_for(published(scene(), port), 120)
     seen: set[str] = set()
     events: set[str] = set()
     for message in heard:
@@ -205,15 +183,13 @@ async def test_what_a_session_publishes_is_what_the_document_says(
         assert event not in events
         events.add(event)
         binding = api["operations"][name]["bindings"]["mqtt"]
-        assert qos[event] == binding["qos"]
+        assert (left[event].qos, left[event].retain) == (binding["qos"], binding["retain"])
         assert message.expiry_s == binding.get("messageExpiryInterval")
         (described,) = (resolved(api, m) for m in api["operations"][name]["messages"])
         if described["contentType"] == "application/json":
             jsonschema.validate(json.loads(message.payload), described["payload"])
     of_another_scene = {"sendClaimedProtobuf", "sendScore"}  # claims in JSON, and no tracker
     assert seen | of_another_scene == set(sends(api))
-    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in OF_SENSORS}
-    assert retained == {f"{PREFIX}/session", *of_sensors}
     keeps = [n for n, o in sends(api).items() if o["bindings"]["mqtt"]["retain"]]
     of_nodes = ["sendSapientRegistration", "sendSapientGoodbye"]
     of_all = ["sendStatus", "sendSettings", "sendDescription", "sendSession"]
