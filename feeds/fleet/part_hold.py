@@ -87,6 +87,10 @@ class BrokerHold(PartHold):
         # What nobody sent: sensors, from when, until when, why.
         self.gaps: deque[dict[str, Any]] = deque(maxlen=MOST_GAPS)
         self._gaps_are_told = True
+        self._state = JOINING  # As it says, until it has told what nobody sent before it joined
+        # What was due by then has been sent, or is told that it was not: as of when it said what
+        # has come back. That had time to arrive when this is said, however late it was sent.
+        self._sent_until_ns = part.began_utc_ns
         self.joined_ns = 0  # What ends after that this process sends; 0 before it does
         self.watch: MqttTransport  # The connection by which it hears and says all this
         self._part, self._scene, self._clock = part, scene, clock
@@ -99,7 +103,8 @@ class BrokerHold(PartHold):
         self._claim = 0
         self._number = 0
         self._says_next_s = 0.0  # When it says again how it does
-        self._said_s: dict[int, float] = {}  # When it said what has those numbers
+        # When it said what has those numbers, and until when all was sent by then.
+        self._said: dict[int, tuple[float, int]] = {}
         self._held_from_s = self._until_s = float("-inf")
         self._taken: dict[str, Any] | None = None
 
@@ -155,8 +160,11 @@ class BrokerHold(PartHold):
             return
         if self._other is not None and self._other["state"] != ENDED:
             log.info("part %s: takes over from %s", self._part.name, self._other["worker"])
-        self._claim = 1 + (0 if self._other is None else self._other["claim"])
-        self._say(JOINING)
+        self._claim = 1
+        if self._other is not None:
+            self._claim += self._other["claim"]
+            self._sent_until_ns = self._other["sent_until_utc_ns"]
+        self._say(self._state)
 
     async def renewed(self) -> None:
         """Return once what was said after this call has come back."""
@@ -170,21 +178,18 @@ class BrokerHold(PartHold):
         self._session.take_not_sent()
         from_ns, why = self._part.began_utc_ns, "nobody had begun"
         if self._other is not None and self._other["began_utc_ns"] == from_ns:
-            from_ns = max(from_ns, self._other["sent_until_utc_ns"] - ON_THE_WAY_NS)
+            from_ns = max(from_ns, self._other["sent_until_utc_ns"])
             why = f"{self._other['worker']} no longer sends"
         if self.joined_ns > from_ns:
             self._tell_gap(self._part.sensors, from_ns, self.joined_ns, why)
         if self.holds:  # else as soon as it does
             self._tell_gaps()
-        # Soon, when that is told: it may die as soon as others hear that it runs.
-        self._says_next_s = 0.0
 
     def cut_off(self) -> None:
         """Tell that what was on its way to the broker may be lost: the connection was."""
-        now_ns = self._clock.now_ns()
-        silent_ns = round((alive_s() - self._held_from_s) * NS)
-        from_ns = max(now_ns - silent_ns - ON_THE_WAY_NS, self.joined_ns)
-        self._tell_gap(self._part.sensors, from_ns, now_ns, "the connection to the broker was lost")
+        from_ns = max(self._sent_until_ns - ON_THE_WAY_NS, self.joined_ns)
+        why = "the connection to the broker was lost"
+        self._tell_gap(self._part.sensors, from_ns, self._clock.now_ns(), why)
 
     @contextlib.asynccontextmanager
     async def kept(self, session: Session, tasks: asyncio.TaskGroup) -> AsyncIterator[None]:
@@ -195,7 +200,6 @@ class BrokerHold(PartHold):
             yield
             if self._claim and not self.is_taken:
                 self._say(ENDED)
-                self._tell_gaps()
                 await self.watch.drain()
         finally:
             for task in keeping:
@@ -215,7 +219,7 @@ class BrokerHold(PartHold):
                 )
             if self._claim and self.watch.is_up and alive_s() >= self._says_next_s:
                 self._says_next_s = alive_s() + SAY_EVERY_S
-                self._say(RUNNING if self.joined_ns else JOINING)
+                self._say(self._state)
 
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if topic == self.source:
@@ -233,9 +237,10 @@ class BrokerHold(PartHold):
 
     def _hear_status(self, told: dict[str, Any]) -> None:
         if told["process"] == self.process:
-            said_s = self._said_s.get(told["number"])
-            if said_s is not None and self._taken is None:
-                self._held_from_s, self._until_s = said_s, said_s + LEASE_S
+            said = self._said.get(told["number"])
+            if said is not None and self._taken is None:
+                self._held_from_s, self._sent_until_ns = said
+                self._until_s = self._held_from_s + LEASE_S
                 self._tell_gaps()  # not before: it may be another's part by now
             return
         self._silent_s = 0.0
@@ -254,18 +259,17 @@ class BrokerHold(PartHold):
             self._silent_s = NEWS_S  # it is known without waiting
 
     def _say(self, state: str) -> None:
-        session, has_begun = self._session, self.joined_ns > 0
-        if has_begun and (not_sent := session.take_not_sent()):
+        if self.joined_ns and (not_sent := self._session.take_not_sent()):
             from_ns = min(first_ns for first_ns, _ in not_sent.values()) - 1
             to_ns = max(last_ns for _, last_ns in not_sent.values())
             self._tell_gap(not_sent.keys(), from_ns, to_ns, "it could not be sent in time")
+        if state == ENDED:  # then all is known
+            self._tell_gaps()
+        sent_until_ns = self._session.sent_until_ns if self.joined_ns else self._sent_until_ns
         self._number += 1
-        self._said_s[self._number] = alive_s()
-        self._said_s.pop(self._number - 8, None)
-        part, totals, now_ns = self._part, session.totals, self._clock.now_ns()
-        sent_until_ns = session.sent_until_ns if has_begun else part.began_utc_ns
-        if not has_begun and self._other is not None:
-            sent_until_ns = self._other["sent_until_utc_ns"]
+        self._said[self._number] = alive_s(), sent_until_ns
+        self._said.pop(self._number - 8, None)
+        part, totals, now_ns = self._part, self._session.totals, self._clock.now_ns()
         p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
         said = {
             "part": part.number,
@@ -278,8 +282,8 @@ class BrokerHold(PartHold):
             "scene": self._scene.scene.name,
             "began_utc_ns": part.began_utc_ns,
             "time_utc": iso_utc(now_ns),
-            "sent_until_utc": iso_utc(sent_until_ns),
-            "sent_until_utc_ns": sent_until_ns,
+            "sent_until_utc": iso_utc(self._sent_until_ns),
+            "sent_until_utc_ns": self._sent_until_ns,
             "sensors": list(part.sensors),
             **{name: getattr(totals, name) for name in COUNTED},
             "lateness_p50_us": p50_us,
@@ -307,10 +311,16 @@ class BrokerHold(PartHold):
         self._gaps_are_told = False
 
     def _tell_gaps(self) -> None:
+        """Tell what nobody sent, if there is more of it; once that of joining is told, it runs.
+
+        Not before, as it may die as soon as others hear that it runs; soon after it says so.
+        """
         if not self._gaps_are_told:
             self._gaps_are_told = True
             now_ns = self._clock.now_ns()
             self._out.send_past_link(self._message("gaps", [*self.gaps], now_ns))
+        if self.joined_ns and self._state == JOINING:
+            self._state, self._says_next_s = RUNNING, 0.0
 
 
 WORDS = ("process", "state", "worker", "scene", "time_utc", "sent_until_utc")

@@ -367,7 +367,7 @@ class RecordedTelemetry(Observer):
                 self._turn()
                 if message.topic != self._tracker and not _is_of_clock(message):
                     together.append((message.topic, message.payload, message.content_type or None))
-            self._session.receive(together, t_utc_ns)
+            self._session.intake.receive(together, t_utc_ns)
 
     def ended(self) -> None:
         """The file is needed no more."""

@@ -61,7 +61,7 @@ class _Asking(Observer):
         """The session stands, and its time begins."""
         prefix, now_ns = session.scene.mqtt.prefix, session.clock.now_ns()
         inputs = [(f"{prefix}/radar/sapient/task", task, None) for task in self._tasks]
-        session.receive([(f"{prefix}/telemetry/nobody", b"{}", JSON), *inputs], now_ns)
+        session.intake.receive([(f"{prefix}/telemetry/nobody", b"{}", JSON), *inputs], now_ns)
 
 
 def payloads() -> Mapping[str, Sequence[bytes]]:

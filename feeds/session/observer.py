@@ -17,7 +17,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
     from plotfeed.feeds.engine.change_control import ChangeControl
-    from plotfeed.feeds.engine.intake import Input, Intake
+    from plotfeed.feeds.engine.intake import Intake
     from plotfeed.feeds.session.running_sensor import RunningSensor
 
 
@@ -30,10 +30,7 @@ class RunningSession(Protocol):
     trajectories: Trajectories
     sensors: Mapping[str, RunningSensor]
     changes: ChangeControl
-    intake: Intake  # What has come in, and waits to be taken in
-
-    def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
-        """Take in telemetry and commands together, as of that time."""
+    intake: Intake  # What has come in, and waits to be taken in; takes what observers hand in, too
 
     def command(self, command: dict[str, Any]) -> dict[str, Any]:
         """Do now what might have come in as a command, and say what is in force.
@@ -88,11 +85,6 @@ class Observer:
     def ledger(self, message: Message) -> None:
         """The ledger of a sector is complete, whether it is published or not."""
 
-    @property
-    def wants_ledger(self) -> bool:
-        """Whether it must be written for this one, even if it is not published."""
-        return cares(self, "ledger") or cares(self, "settled")
-
 
 class Tap(Observer):
     """Calls a function with every message and the time at which it leaves."""
@@ -105,17 +97,7 @@ class Tap(Observer):
         self._on_message(message, sent_utc_ns)
 
 
-def cares(observer: Observer, method: str) -> bool:
-    """Whether an observer has that method of its own."""
-    return getattr(type(observer), method) is not getattr(Observer, method)
-
-
 def who_care(observers: Sequence[Observer], method: str) -> list[Callable[..., Any]]:
     """The bound methods of that name, of all observers that have it of their own."""
-    return [getattr(each, method) for each in observers if cares(each, method)]
-
-
-def tracker_topics(scene: Scene, observers: Sequence[Observer]) -> list[str]:
-    """The topic of the tracker under test, a sensor's or a foreign one, if it is followed."""
-    topic = scene.page.tracks_topic
-    return [topic] if topic and who_care(observers, "tracked") else []
+    usual = getattr(Observer, method)
+    return [getattr(each, method) for each in observers if getattr(type(each), method) is not usual]

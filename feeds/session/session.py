@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
-from plotfeed.feeds.engine.intake import Input, Intake
+from plotfeed.feeds.engine.intake import Intake
+from plotfeed.feeds.engine.shedding import Shedding
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
 from plotfeed.feeds.link.outbox import Departure, prepare_all, send_all
@@ -30,12 +31,11 @@ from plotfeed.feeds.messages.message import Message, records
 from plotfeed.feeds.scene.changes import ClockCommand, Command, ControlError, command_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.loop import SessionLoop, cause_of, first_of
-from plotfeed.feeds.session.observer import Observer, Tap, tracker_topics, who_care
+from plotfeed.feeds.session.observer import Observer, Tap, who_care
 from plotfeed.feeds.session.outputs import Outputs
 from plotfeed.feeds.session.part import PartHold, SessionPart
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.running_sensor import RunningSensor
-from plotfeed.feeds.session.shedding import Shedding
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule, WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
@@ -184,7 +184,9 @@ class Session:
         )
         self._root = f"{scene.mqtt.prefix}/telemetry/"
         self._sources = self._live_sources()
-        self._tracker_topics = tracker_topics(own, observers)
+        # Of the tracker under test, a sensor's or a foreign one, where somebody follows it.
+        topic = own.page.tracks_topic
+        self._tracker_topics = [topic] if topic and who_care(observers, "tracked") else []
 
         # What is due when.
         self._schedule = Schedule(clock.wake)
@@ -251,7 +253,8 @@ class Session:
             before_due=who_care(observers, "before_due"),
             waits_for=self._outputs.brokers if waits else (),
         )
-        keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        self._settled, self._ledger = (who_care(observers, of) for of in ("settled", "ledger"))
+        keeps_ledger = scene.mqtt.truth or self._settled or self._ledger
         self._keep = self._loop.later if keeps_ledger else lambda _: None
 
     # From the first connection to the last message.
@@ -433,10 +436,6 @@ class Session:
             content_type = f"{self.clock.now_ns()}"  # a mapping asks for no type
         self._loop.queue_input(topic, payload, content_type)
 
-    def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
-        """Take in telemetry and commands together, as of that time."""
-        self.intake.receive(inputs, t_utc_ns)
-
     def command(self, command: dict[str, Any]) -> dict[str, Any]:
         """Do now what might have come in as a command, and say what is in force.
 
@@ -617,13 +616,13 @@ class Session:
 
     def _write_ledger(self, kept: Sequence[Kept]) -> None:
         """Make entries of all sectors whose turn has come, which leave together."""
-        for settled in who_care(self._observers, "settled"):
+        for tell in self._settled:
             for batch, row in kept:
-                settled(batch.one(row), records(batch.messages[row]))
+                tell(batch.one(row), records(batch.messages[row]))
         messages = ledger_messages(self.scene.mqtt.prefix, kept)
-        for observer in self._observers:
+        for tell in self._ledger:
             for message in messages:
-                observer.ledger(message)
+                tell(message)
         if self.scene.mqtt.truth:
             self._outbox.send_past_link(*messages)
 

@@ -182,7 +182,7 @@ class Commands(Observer):
     def before_due(self, due_utc_ns: int) -> None:
         while (at_ns := self.next_input_ns()) is not None and at_ns < due_utc_ns:
             _, command = self._commands.pop(0)
-            self._session.receive([(CONTROL, json.dumps(command).encode(), None)], at_ns)
+            self._session.intake.receive([(CONTROL, json.dumps(command).encode(), None)], at_ns)
 
 
 COMMANDS = (

@@ -80,7 +80,7 @@ class AtWork(Observer):
     def before_due(self, due_utc_ns: int) -> None:
         while self._asked and self._asked[0][0] < due_utc_ns:
             at_ns, topic, payload = self._asked.pop(0)
-            self.session.receive([(topic, payload, None)], at_ns)
+            self.session.intake.receive([(topic, payload, None)], at_ns)
 
     def report(self, batch: Batch) -> None:
         self.sectors.append(batch)

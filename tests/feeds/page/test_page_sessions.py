@@ -232,7 +232,7 @@ async def test_refused_telemetry_and_totals_reach_the_page() -> None:
         session = show.observer._session
         assert session is not None
         topic = "plotfeed/telemetry/x"
-        session.receive([(topic, b"nonsense", None)], show.observer.now_utc_ns())
+        session.intake.receive([(topic, b"nonsense", None)], show.observer.now_utc_ns())
         await show.until(lambda: show.news.get("refusal") and show.news["totals"].get("refused"))
 
     show = Show(WallClock(testing.START_NS, speed=10.0))

@@ -71,7 +71,7 @@ async def held(folder: Path) -> Held:
             totals = session.totals
             await until(lambda: totals.lost > 5 and totals.duplicated > 5)
             garbage = ("plotfeed/telemetry/x", b"garbage", None)
-            session.session.receive([garbage], clock.now_ns())
+            session.session.intake.receive([garbage], clock.now_ns())
             clock.pause()
             before, families = counted(totals), await asyncio.to_thread(scrape, port)
             while totals.messages != before["messages"]:  # until what was being done is done

@@ -157,8 +157,6 @@ loss = { kind = "random", probability = 0.05 }
 class Census(Observer):
     """Flies drones by telemetry, one report in fifty garbage, and counts objects now and then."""
 
-    wants_ledger = True
-
     def __init__(self) -> None:
         # The least of each stretch: a chunk of a recording is kept until it is written.
         self.blocks: list[int] = []
@@ -182,7 +180,7 @@ class Census(Observer):
                 is_garbage = self._reports % 50 == 0
                 said = b"garbage" if is_garbage else report(self._telemetry_ns, drone)
                 told = f"plotfeed/telemetry/d{drone}", said, None
-                self._session.receive([told], self._telemetry_ns)
+                self._session.intake.receive([told], self._telemetry_ns)
             self._telemetry_ns += NS // TELEMETRY_HZ
             self._least = min(self._least, sys.getallocatedblocks())
         if due_utc_ns >= self._count_ns:
