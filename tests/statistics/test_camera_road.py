@@ -37,8 +37,8 @@ def camera(**changes: Any) -> dict[str, Any]:
 ANGLE_RAD = 2 * np.tan(np.radians(30.0)) / 16_000
 
 
-def odds(range_m: Array | float, needed: float, share: Array | float = 1.0) -> Array:
-    x = share * SIZE_M / (2 * np.asarray(range_m) * ANGLE_RAD) / needed
+def odds(range_m: Array | float, needed: float, angle_rad: float = ANGLE_RAD) -> Array:
+    x = SIZE_M / (2 * np.asarray(range_m) * angle_rad) / needed
     plain = x ** (2.7 + 0.7 * x)
     return np.asarray(plain / (1 + plain))
 
@@ -67,18 +67,18 @@ def kinds(road: Feed) -> tuple[Array, Array]:
 @pytest.mark.parametrize("ring", range(len(RANGES_M)))
 def test_each_ring_is_detected_recognised_and_identified_as_often_as_it_should(ring: int) -> None:
     plots, (kind, _) = plain().plots("camera"), kinds(plain())
-    mine, n = np.char.startswith(plots.drone, f"{ring}-"), AT_EACH * FRAMES
-    seen = kind[mine]
-    levels = {
-        "detected": (len(seen), float(odds(RANGES_M[ring], DETECT))),
-        "recognised": ((seen != "object").sum(), float(odds(RANGES_M[ring], RECOGNISE))),
-        "identified": ((seen == "Phantom 4").sum(), 0.9 * float(odds(RANGES_M[ring], IDENTIFY))),
-    }
-    for of, (found, p) in levels.items():
+    seen, n = kind[np.char.startswith(plots.drone, f"{ring}-")], AT_EACH * FRAMES
+    for of, found, needed, share in (
+        ("detected", len(seen), DETECT, 1.0),
+        ("recognised", (seen != "object").sum(), RECOGNISE, 1.0),
+        ("identified", (seen == "Phantom 4").sum(), IDENTIFY, 0.9),
+    ):
+        p = share * float(odds(RANGES_M[ring], needed))
         assert_sum(found, n * p, max(n * p * (1 - p), 1e-3), of)
 
 
 def test_claims_are_right_as_often_as_they_say_and_wrong_ones_are_any_other() -> None:
+    """What the camera does not know stays an object."""
     kind, probability = kinds(plain())
     claimed = kind != "object"
     np.testing.assert_array_equal(np.isnan(probability), ~claimed)
@@ -86,11 +86,8 @@ def test_claims_are_right_as_often_as_they_say_and_wrong_ones_are_any_other() ->
     n, wrong = claimed.sum(), np.isin(kind, ["bird", "kite"]).sum()
     assert_sum(wrong, 0.1 * n, 0.09 * n, "wrong")
     assert_sum((kind == "bird").sum(), wrong / 2, wrong / 4, "bird among the wrong")
-
-
-def test_what_the_camera_does_not_know_stays_an_object() -> None:
-    road = fly(scene([camera()], rings("balloon"), seed=82), 10.0)
-    assert set(kinds(road)[0]) == {"object"}
+    unknown = fly(scene([camera()], rings("balloon"), seed=82), 10.0)
+    assert set(kinds(unknown)[0]) == {"object"}
 
 
 def test_false_alarms_come_as_often_as_stated_anywhere_in_the_picture() -> None:
@@ -131,8 +128,7 @@ def test_a_panorama_has_equal_angles_and_its_band_of_elevations() -> None:
     looks = fly(scene([panorama()], drones, seed=89), 5.0).looks("camera")
     assert -5.001 < looks.elevation_deg.min() < -3.9
     assert 13.9 < looks.elevation_deg.max() < 15.001
-    x = SIZE_M / (2 * looks.range_m * 2 * np.pi / 20_000) / DETECT
-    np.testing.assert_allclose(looks.pd, x ** (2.7 + 0.7 * x) / (1 + x ** (2.7 + 0.7 * x)))
+    np.testing.assert_allclose(looks.pd, odds(looks.range_m, DETECT, 2 * np.pi / 20_000))
 
 
 def test_false_alarms_of_a_panorama_are_all_around() -> None:

@@ -70,20 +70,18 @@ def test_a_claim_that_is_of_no_class_is_never_sure() -> None:
     np.testing.assert_allclose(keys.model().certainties, [7 / 8, 9 / 11, 0.0])
 
 
-def test_category_015_says_class_and_probability() -> None:
-    records = heard().records("mic", 15)
-    told = {
-        (int(record.get("I015/300/0/CLS")), int(record.get("I015/300/0/PRB"))) for record in records
-    }
+def test_category_015_and_sapient_say_class_and_probability() -> None:
+    """And SAPIENT has registered it."""
+    told = {tuple(int(record.get(f"I015/300/0/{of}")) for of in ("CLS", "PRB"))
+            for record in heard().records("mic", 15)}  # fmt: skip
     assert told == {(7, 78), (9, 88)}
-
-
-def test_sapient_says_the_class_and_has_registered_it() -> None:
     messages = [SapientMessage.FromString(p) for p in heard().payloads("mic/sapient")]
-    reports = [m.detection_report for m in messages if m.HasField("detection_report")]
-    assert {c.type for r in reports for c in r.classification} == {"drone", "bird"}
-    confidences = {round(c.confidence, 3) for r in reports for c in r.classification}
-    assert confidences == {0.783, 0.882}
+    claims = {
+        (c.type, round(c.confidence, 3))
+        for m in messages
+        for c in m.detection_report.classification
+    }
+    assert claims == {("drone", 0.783), ("bird", 0.882)}
     (registration,) = [m.registration for m in messages if m.HasField("registration")]
     declared = {
         c.type
@@ -122,12 +120,6 @@ def test_an_rf_classifier_errs_but_not_of_what_is_read() -> None:
     assert (read.kind_probability == 1.0).all()
 
 
-def classes(held_s: float) -> dict[str, Any]:
-    return radar(
-        classifier=CLASSIFIER | {"held_s": held_s}, report=["asterix-015", "plots", "sapient"]
-    )
-
-
 @pytest.mark.parametrize("held_s", [0.0, 5.0])
 def test_classes_of_a_radar_err_as_often_as_stated_and_for_as_long(held_s: float) -> None:
     """Spells of five scans begin at times of each drone: the first and last are cut short."""
@@ -137,19 +129,18 @@ def test_classes_of_a_radar_err_as_often_as_stated_and_for_as_long(held_s: float
         for i in range(40)
         for name in ("drone", "bird")
     ]  # fmt: skip
-    found = simulate(scene([classes(held_s)], drones, seed=95), 60, start_utc_ns=START_NS)
-    plots, names = found["radar"].plots, np.array(found.drones)
+    sensor = radar(classifier=CLASSIFIER | {"held_s": held_s})
+    found = simulate(scene([sensor], drones, seed=95), 60, start_utc_ns=START_NS)
+    plots = found["radar"].plots
     told = plots.rows(plots.drone >= 0)
+    true, spell = np.array(found.drones)[told.drone], max(held_s, 1.0)
     for name, share in (("drone", 0.9), ("bird", 0.75)):
-        mine = np.char.startswith(names[told.drone].astype(str), name)
-        right = told.kind[mine] == name
-        n, spell = len(right), max(held_s, 1.0)
+        right = told.kind[np.char.startswith(true, name)] == name
+        n = len(right)
         assert_sum(float(right.sum()), n * share, n * share * (1 - share) * spell, name)
     order = np.lexsort((told.t_utc_ns, told.drone))
     kind, drone = told.kind[order], told.drone[order]
-    same = drone[1:] == drone[:-1]
-    changed = (kind[1:] != kind[:-1])[same]
+    changed = (kind[1:] != kind[:-1])[drone[1:] == drone[:-1]]
     wrong = np.array([0.1, 0.25])
-    by_chance = float((2 * wrong * (1 - wrong)).mean())
-    expected = by_chance / max(held_s, 1.0)
-    assert_sum(float(changed.sum()), same.sum() * expected, 3 * same.sum() * expected, "changes")
+    expected = len(changed) * float((2 * wrong * (1 - wrong)).mean()) / spell
+    assert_sum(float(changed.sum()), expected, 3 * expected, "changes")

@@ -47,12 +47,10 @@ LIGHT_M_S = 299_792_458.0
 # Hits: drones in rings, of which some are nearly always detected and some seldom.
 
 
+FOUR_M = (5.5e3, 8.5e3, 11.5e3, 15e3)
 ODDS: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
-    "staring": (radar(elevation_max_deg=30.0), (5.5e3, 8.5e3, 11.5e3, 15e3)),
-    "rotating": (
-        radar(elevation_max_deg=30.0, scan=rotating(1.0, 4)),
-        (5.5e3, 8.5e3, 11.5e3, 15e3),
-    ),
+    "staring": (radar(elevation_max_deg=30.0), FOUR_M),
+    "rotating": (radar(elevation_max_deg=30.0, scan=rotating(1.0, 4)), FOUR_M),
     "mimo": (MIMO | {"gain_tx_dbi": 11.6, "gain_rx_dbi": 11.6}, (2.5e3, 3.5e3, 4.5e3)),
     "passive": (PASSIVE | {"gain_rx_dbi": 2.0, "range_max_m": 20e3}, (4e3, 6e3, 9e3)),
     "rf": (RF | {"duty_cycle": 0.4, "loss_db": 12.0}, (3e3, 5e3, 7e3)),
