@@ -142,18 +142,6 @@ def test_each_transmitter_makes_plots_of_its_own_and_all_point_at_the_drone() ->
         assert np.median(mine.range_m) == pytest.approx(3500, abs=60)
 
 
-def test_check_warns_of_directions_along_a_baseline_and_of_a_long_integration() -> None:
-    floors = {"bistatic_range_floor_m": 2.0, "azimuth_floor_deg": 0.2}
-    wide = passive(azimuth_min_deg=100.0, azimuth_max_deg=170.0, integration_s=2.0, **floors)
-    flown = scene([wide, passive(id="narrow", **floors)], seed=65)
-    site = flown.scene.site
-    found = list(flown.sensor[0].warnings(site))
-    assert len(found) == 2
-    assert "integration_s is 2" in found[0]
-    assert "transmitter east, at azimuth 135.0" in found[1]
-    assert not list(flown.sensor[1].warnings(site))
-
-
 # Radars of several receivers through the whole road: places, covariances and ghosts.
 
 
@@ -358,12 +346,6 @@ def test_plots_do_not_depend_on_how_time_is_cut(monkeypatch: pytest.MonkeyPatch)
     early = whole.rows(whole.t_utc_ns <= again.t_utc_ns[-1])
     np.testing.assert_array_equal(early.range_m, again.range_m)
     np.testing.assert_array_equal(early.t_utc_ns, again.t_utc_ns)
-
-
-def test_check_warns_of_more_tracks_than_there_is_time_for() -> None:
-    crowded = made(1, {"max_tracks": 200})
-    told = " ".join(crowded.sensor[0].warnings(crowded.scene.site))
-    assert "they would take 2 of all dwells" in told
 
 
 def test_looks_lie_where_the_beams_of_their_period_are_said_to_have_pointed() -> None:

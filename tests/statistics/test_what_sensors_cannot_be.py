@@ -1,4 +1,4 @@
-"""Keys of sensors and their effects that cannot be: each is refused in a line that names it."""
+"""Keys of sensors that cannot be are refused in a line that names them; odd ones are warned of."""
 
 from __future__ import annotations
 
@@ -158,7 +158,38 @@ def test_a_world_that_cannot_be_is_refused_by_its_key(tables: dict[str, Any], sa
     assert "event" not in str(refused.value)
 
 
-def test_errors_that_places_by_several_may_have_are_taken() -> None:
-    scene([PAIR | {"bias": {"azimuth_offset_deg": 5.0, "time_offset_s": 1.0}}], seed=1)
-    scene([MIMO_NET | {"bias": {"time_offset_s": 1.5, "range_offset_m": 0.0}}], seed=1)
-    assert len(scene([RF | {"scan": staring()}], seed=1).sensor) == 1
+FINE = {"range_floor_m": 1.0, "azimuth_floor_deg": 0.5, "elevation_floor_deg": 1.0}
+LEVEL = {"bistatic_range_floor_m": 2.0, "azimuth_floor_deg": 0.2}  # the transmitter is at 300
+WARNED: list[tuple[dict[str, Any], dict[str, Any], list[str]]] = [
+    *((usual, {}, []) for usual in (MICROPHONES, RF, MIMO, PAIR, STEERED | FINE)),
+    (PAIR, {"bias": {"azimuth_offset_deg": 5.0, "time_offset_s": 1.0}}, []),
+    (MIMO_NET, {"bias": {"time_offset_s": 1.5, "range_offset_m": 0.0}}, []),
+    (MICROPHONES, {"scan": staring(0.05), "array_gain_db": 9.03, "microphones": 8},
+     ["scan.period_s is 0.05: an array listens", "microphones is not used: array_gain_db"]),
+    (RF, {"integration_s": 1.5}, ["integration_s is 1.5, longer than a scan of 1 s"]),
+    (without(RF, "azimuth_floor_deg"), {"measures_azimuth": False}, ["baseline_m: not used"]),
+    (PASSIVE, LEVEL | {"azimuth_min_deg": -30.0, "azimuth_max_deg": 30.0}, []),
+    (PASSIVE, LEVEL | {"azimuth_min_deg": 280.0, "azimuth_max_deg": 330.0, "integration_s": 2.0},
+     ["integration_s is 2, but a scan lasts 1 s", "transmitter tv, at azimuth 300.0"]),
+    (MIMO, {"report": ["asterix-048", "plots"]}, ["asterix-048 counts range in steps of 7.23 m"]),
+    (MIMO, {"integration_s": 1.5}, ["integration_s is 1.5, but a scan lasts 1 s"]),
+    (PAIR, {"second_array": APART | {"east_m": 10.0}}, ["less than a twentieth of 500 m"]),
+    (PAIR, {"second_array": APART | {"east_m": 2000.0}}, ["the two hear little in common"]),
+    (FLAT_LINE, {"frequency_hz": 1000.0},
+     ["more than half a wavelength at 1000 Hz", "cannot tell its sides apart"]),
+    (FLAT_LINE, {"frequency_hz": 100.0, "azimuth_min_deg": 0.0, "azimuth_max_deg": 180.0}, []),
+    (STEERED | FINE, {"scan": DWELLS | {"max_tracks": 200}}, ["they would take 2 of all dwells"]),
+    (radar(report=["plots"], **FINE), {"pulses": {"prf_hz": [25_000.0]}},
+     ["drones beyond 5996 m are told nearer"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("sensor", "changes", "said"), WARNED)
+def test_a_sensor_that_is_odd_is_warned_of_and_no_other(
+    sensor: dict[str, Any], changes: dict[str, Any], said: list[str]
+) -> None:
+    made = scene([sensor | changes], seed=1)
+    found = list(made.sensor[0].warnings(made.scene.site))
+    assert len(found) == len(said), found
+    for words, warning in zip(said, found, strict=True):
+        assert words in warning
