@@ -19,9 +19,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
-from aims import aim, cpu_s, ratios, spread
+from aims import aim, cpu_s, ratios, spread, table
 from support.brokers import free_port, mosquitto
 from support.fleets import Fleet, fleet
 from support.scene_files import DRONE, scene_file, scene_text
@@ -190,39 +191,50 @@ def main() -> None:
     gain = ratios(paces[2], paces[1])
     print(f"Median (least to most) of {RUNS} turns, {SIMULATED_S:g} s of {RADARS} radars and")
     print(f"{DRONES} drones each, a core for each part.\n")
-    print("| parts | plots a second | times one |\n|--:|--:|--:|")
-    for parts, each in paces.items():
-        print(f"| {parts} | {spread(each, ',.0f')} | {spread(ratios(each, paces[1]))} |")
+    table(
+        ("parts", "plots a second", "times one"),
+        ((n, spread(each, ",.0f"), spread(ratios(each, paces[1]))) for n, each in paces.items()),
+        0,
+    )
     print()
     print(aim("plots a second of two parts", f"{SPEEDUP:g} times one", f"{spread(gain)} times",
               is_met=statistics.median(gain) >= SPEEDUP))  # fmt: skip
     print(f"\nTake-overs, with {SCRIPTED:,} scripted drones out of reach:\n")
-    print("| a process is | another stands by | seconds until another sends | times |")
-    print("|---|---|--:|--:|")
-    rows = [("killed", KILLS, 1), ("frozen", FREEZES, 1), ("killed", RESTARTS, 0)]
     found = {}
-    for what, times, spares in rows:
-        with tempfile.TemporaryDirectory() as name:
-            found[what, spares] = take_overs(Path(name), SCRIPTED, what, times, spares)
-        stands_by = "yes" if spares else "no, it is started anew"
-        print(f"| {what} | {stands_by} | {spread(found[what, spares])} | {times} |")
+
+    def rows() -> Iterator[tuple[object, ...]]:
+        for what, times, spares in (("killed", KILLS, 1), ("frozen", FREEZES, 1),
+                                    ("killed", RESTARTS, 0)):  # fmt: skip
+            with tempfile.TemporaryDirectory() as name:
+                found[what, spares] = take_overs(Path(name), SCRIPTED, what, times, spares)
+            stands_by = "yes" if spares else "no, it is started anew"
+            yield what, stands_by, spread(found[what, spares]), times
+
+    head = ("a process is", "another stands by", "seconds until another sends", "times")
+    table(head, rows(), 2)
     took_s = found["killed", 1]
     print()
     is_met = statistics.median(took_s) <= MOST_TAKE_OVER_S
     took, most = f"{spread(took_s)} s", f"{MOST_TAKE_OVER_S:g} s"
     print(aim("take-over of a killed process's part", most, took, is_met=is_met))
-    print("\n| drones that report elsewhere, 10 Hz | cores of a part |")
-    print("|--:|--:|")
+    print()
+    costs = []
     for drones in TOTALS:
         with tempfile.TemporaryDirectory() as name:
-            print(f"| {drones} | {telemetry_cost(Path(name), drones):.3f} |")
+            costs.append((drones, f"{telemetry_cost(Path(name), drones):.3f}"))
+    table(("drones that report elsewhere, 10 Hz", "cores of a part"), costs, 0)
     print("\nA part flies all drones of its scene, also those that are out of reach of all its")
     print(f"sensors, here {RADARS // 2} radars:\n")
-    print("| scripted drones out of reach | core of the part | times none |\n|--:|--:|--:|")
     turns = [[others_drones(more) for more in ELSEWHERE] for _ in range(OTHERS_RUNS)]
-    none = [turn[0] for turn in turns]
-    for more, each in zip(ELSEWHERE, zip(*turns, strict=True), strict=True):
-        print(f"| {more:,} | {spread(each, '.3f')} | {spread(ratios(each, none))} |")
+    none, *_ = columns = [*zip(*turns, strict=True)]
+    table(
+        ("scripted drones out of reach", "core of the part", "times none"),
+        (
+            (f"{more:,}", spread(each, ".3f"), spread(ratios(each, none)))
+            for more, each in zip(ELSEWHERE, columns, strict=True)
+        ),
+        0,
+    )
 
 
 if __name__ == "__main__":

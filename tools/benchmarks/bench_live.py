@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from aims import YARDSTICK, ratios, spread, yardstick_us
+from aims import YARDSTICK, ratios, spread, table, yardstick_us
 from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 from support.brokers import free_port
 from support.scene_files import radar, scene_text
@@ -75,13 +75,15 @@ def show_costs() -> None:
     runs = [(each_us(ours), each_us(theirs), yardstick_us()) for _ in range(RUNS)]
     mine, other, yardstick = (list(column) for column in zip(*runs, strict=True))
     print(f"{YARDSTICK}\n")
-    print(f"| MAVLink, 2 of 10 messages wanted; {RUNS} runs by turns | median (least to most) |")
-    print("|---|---:|")
-    print(f"| plotfeed, to telemetry in protobuf, µs a message | {spread(mine)} |")
-    print(f"| pymavlink's parser, to its messages, µs a message | {spread(other)} |")
-    print(f"| pymavlink's, times plotfeed's | {spread(ratios(other, mine))} |")
-    print(f"| messages a second of one core | {1e6 / statistics.median(mine):,.0f} |")
-    print(f"| a yardstick in messages | {spread(ratios(yardstick, mine), ',.0f')} |")
+    rows = (
+        ("plotfeed, to telemetry in protobuf, µs a message", spread(mine)),
+        ("pymavlink's parser, to its messages, µs a message", spread(other)),
+        ("pymavlink's, times plotfeed's", spread(ratios(other, mine))),
+        ("messages a second of one core", f"{1e6 / statistics.median(mine):,.0f}"),
+        ("a yardstick in messages", spread(ratios(yardstick, mine), ",.0f")),
+    )
+    head = f"MAVLink, 2 of 10 messages wanted; {RUNS} runs by turns", "median (least to most)"
+    table(head, rows)
 
 
 def scene(port: int) -> Scene:
@@ -120,10 +122,13 @@ def main(trials: int) -> None:
     """Measure and print."""
     show_costs()
     found = asyncio.run(latencies_s(trials))
-    print(f"\n| from packet to plot, a radar each {PERIOD_S:g} s, {trials} trials | |")
-    print("|---|---:|")
-    print(f"| seconds, median (least to most) | {spread(found, '.3f')} |")
-    print(f"| periods of the radar | {spread([each / PERIOD_S for each in found])} |")
+    print()
+    periods = [each / PERIOD_S for each in found]
+    rows = [
+        ("seconds, median (least to most)", spread(found, ".3f")),
+        ("periods of the radar", spread(periods)),
+    ]
+    table((f"from packet to plot, a radar each {PERIOD_S:g} s, {trials} trials", ""), rows)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from aims import aim, ratios, spread
+from aims import aim, ratios, spread, table
 from section_4_crowd import at_work, next_sectors, scene_of
 
 from plotfeed.feeds.console.process import keep_freed
@@ -141,10 +141,8 @@ def main() -> None:
     print(
         f"ns per target: median (least to most) of {REPEATS} repeats. Nearly every look is a hit.\n"
     )
-    print("| targets at once | " + " | ".join(f"{n:,}" for n in SIZES) + " |")
-    print("|---|" + "--:|" * len(SIZES))
-    for name, label in rows.items():
-        print(f"| {label} | " + " | ".join(_spread(times[n][name]) for n in SIZES) + " |")
+    cells = ([label, *(_spread(times[n][name]) for n in SIZES)] for name, label in rows.items())
+    table(["targets at once", *(f"{n:,}" for n in SIZES)], cells)
     print()
     most = times[SIZES[-1]]
     reached, random = (statistics.median(most[name]) for name in ("path", "random"))

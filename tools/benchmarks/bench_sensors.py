@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from aims import Other, aim, python_with, ratios, spread, us_per_call
+from aims import Other, aim, python_with, ratios, spread, table, us_per_call
 
 STONESOUP = "stonesoup==1.9.1"
 
@@ -183,12 +183,13 @@ def main() -> None:
 
     print(f"ns per target and scan: median (least to most) of {REPEATS} repeats, in turns.")
     print(f"{STONESOUP}; {os.cpu_count()} cores.\n")
-    print("| sensor | plots a target | " + " | ".join(f"{n:,} at once" for n in SIZES) + " |")
-    print("|---|--:|" + "--:|" * len(SIZES))
-    for name, (title, _) in CASES.items():
-        print(_row(title, shares[name], name, times))
-    for name, title in THEIRS.items():
-        print(_row(title, theirs[name], name, times))
+    table(
+        ["sensor", "plots a target", *(f"{n:,} at once" for n in SIZES)],
+        [
+            *(_row(title, shares[name], name, times) for name, (title, _) in CASES.items()),
+            *(_row(title, theirs[name], name, times) for name, title in THEIRS.items()),
+        ],
+    )
     print()
     print(*(_verdict(name, theirs[name], shares["active"], times) for name in THEIRS), sep="\n")
     print(_losses(times))
@@ -196,9 +197,11 @@ def main() -> None:
     print(NOT_THE_SAME)
 
 
-def _row(title: str, share: float, name: str, times: dict[tuple[str, int], list[float]]) -> str:
+def _row(
+    title: str, share: float, name: str, times: dict[tuple[str, int], list[float]]
+) -> list[str]:
     cells = [spread(times[name, n], ",.0f") if (name, n) in times else "" for n in SIZES]
-    return f"| {title} | {share:.2f} | " + " | ".join(cells) + " |"
+    return [title, f"{share:.2f}", *cells]
 
 
 def _verdict(
