@@ -159,6 +159,15 @@ def plotfeed_here(*words: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+def refusal(*words: object) -> str:
+    """The line in which it refuses what it is asked, which may stand behind how it is used."""
+    done = plotfeed_here(*words)
+    assert (done.returncode, done.stdout) == (2, "")
+    *before, line = done.stderr.splitlines()
+    assert not before or before[0].startswith("Usage: ")
+    return line
+
+
 class Running:
     """A session that has introduced itself."""
 

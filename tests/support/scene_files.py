@@ -43,6 +43,19 @@ path = [
 ]
 """
 
+# Stays where it is, within a centimetre.
+STILL = """
+[[drone]]
+id = "still"
+rcs_m2 = 1.0
+speed_m_s = 0.01
+repeat = true
+path = [
+    { east_m = 800.0, north_m = 600.0, above_site_m = 150.0 },
+    { east_m = 800.01, north_m = 600.0, above_site_m = 150.0 },
+]
+"""
+
 
 def radar(id: str = "radar", *, period_s: float = 0.5, sectors: int = 8, more: str = "") -> str:  # noqa: A002
     return RADAR.format(id=id, period_s=period_s, sectors=sectors, more=more)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from support.command import plotfeed_here
-from support.scene_files import radar, scene_file, scene_text
+from support.command import plotfeed_here, refusal
+from support.scene_files import STILL, radar, scene_file, scene_text
 
 from plotfeed.feeds.lab.score import ScoreLimit
 from plotfeed.feeds.lab.trackers import SHOWN, CurvePoint, TrackerCommand, survivals
@@ -19,17 +19,6 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.errors import PlotfeedError
 
 ECHO = Path(__file__).parents[2] / "support" / "echo_tracker.py"
-STILL = """
-[[drone]]
-id = "still"
-rcs_m2 = 1.0
-speed_m_s = 0.01
-repeat = true
-path = [
-    { east_m = 800.0, north_m = 600.0, above_site_m = 150.0 },
-    { east_m = 800.01, north_m = 600.0, above_site_m = 150.0 },
-]
-"""
 SHORT = ("--duration", 6, "--speed", 2, "--patience", 60, "--json")
 LATITUDE, LONGITUDE, _ = map(
     float, LocalFrame(40.45, -3.73, 650.0).to_geodetic([800.0, 600.0, 150.0])
@@ -137,9 +126,7 @@ def test_a_profile_holds_its_limits_with_a_tracker_and_a_curve_is_gone_on_with(
     assert str(pq.read_table(tmp_path / "score" / "scores.parquet").to_pylist()) == rows
     out.unlink()
     junit.unlink()
-    other = plotfeed_here(*words, "--seed", 7)
-    assert other.returncode == 2
-    assert "begun with other --seed" in other.stderr
+    assert "begun with other --seed" in refusal(*words, "--seed", 7)
 
 
 def points_of(limit: ScoreLimit, values: np.ndarray, late_s: float = 0.0) -> list[CurvePoint]:
@@ -188,9 +175,7 @@ def test_what_a_tracker_survives_is_told_with_an_interval_or_why_not() -> None:
 def test_what_cannot_be_is_told_before_anything_runs(
     file: Path, tmp_path: Path, options: tuple[str, ...], said: str
 ) -> None:
-    done = plotfeed_here("score", file, *options, "--folder", tmp_path / "none")
-    assert done.returncode == 2
-    assert said in done.stderr
+    assert said in refusal("score", file, *options, "--folder", tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 
