@@ -27,7 +27,6 @@ BENCHMARKS = {
     "bench_show.py": "Decoding and showing, beside asterix-decoder",
     "bench_sapient.py": "SAPIENT messages",
     "bench_formats.py": "Formats",
-    "bench_stations.py": "Layouts, several stations and steered beams",
     "bench_telemetry.py": "Telemetry",
     "bench_live.py": "Live sources, beside pymavlink",
     "bench_impairment.py": "Impaired links",
