@@ -191,18 +191,6 @@ def test_what_a_link_loses_or_brings_too_late_is_in_the_ledger_and_not_published
     assert (case.totals.messages, case.outbox.counters.lost) == (0, counted_as == "lost")
 
 
-def test_duplicates_and_flipped_bits_are_told_apart() -> None:
-    socket = Socket()
-    case = Case(socket, link={"duplicate": 1.0, "corrupt": 1.0, "latency_ms": 1.0})
-    case.send(message(b"\0\0"))
-    case.until(2 * MS)
-    ((first, second),) = case.entries
-    assert [(s.number, s.copy) for s in (first, second)] == [(0, 0), (0, 1)]
-    assert (case.totals.messages, case.totals.duplicated) == (2, 1)
-    for sent, payload in zip((first, second), socket.carried, strict=True):
-        assert int.from_bytes(payload, "big") == 1 << (15 - sent.flipped_bit)
-
-
 def test_a_link_that_stalls_holds_what_comes_until_it_is_up_again() -> None:
     socket = Socket()
     case = Case(socket, link={"down": True, "on_loss": "stall", "latency_ms": 10.0})
@@ -265,7 +253,8 @@ def test_fates_of_messages_are_numbered_as_in_the_ledger() -> None:
 
 DUE_NS = 7_000
 HOW = st.tuples(st.sampled_from(["at once", "later", "all but some"]), st.booleans())
-LINKS = st.sampled_from([None, {}, {"loss": {"kind": "random", "probability": 0.5}}])
+SOME = {"loss": {"kind": "random", "probability": 0.5}}, {"duplicate": 0.5, "corrupt": 0.5}
+LINKS = st.sampled_from([None, {}, *SOME])
 CLIENTS = st.lists(st.tuples(st.integers(0, 4), LINKS, st.sets(st.integers(0, 2))), max_size=6)
 
 

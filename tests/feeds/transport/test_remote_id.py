@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.brokers import free_port
+from support.brokers import deaf_server, free_port
 from support.deliveries import taken
 from support.own_time import LoopClock, in_own_time
 from support.servers import BABBLE, HANG_UP, SAY_NOTHING, Answer, HttpReceiver, http_receiver
@@ -38,9 +38,11 @@ VIEW = "view=40.44,-3.74,40.45,-3.73"
 TOKEN: Any = {"token": "RID"}  # the name of one
 
 
-async def ask(port: int, path: str, *fields: str, host: str = "localhost") -> tuple[int, Any]:
+async def ask(port: int, path: str, *fields: str) -> tuple[int, Any]:
+    """Status and answer, of this host unless a field is of another."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    lines = [f"GET {path} HTTP/1.1", f"Host: {host}:{port}", *fields, "", ""]
+    host = [] if any(field.startswith("Host") for field in fields) else [f"Host: localhost:{port}"]
+    lines = [f"GET {path} HTTP/1.1", *host, *fields, "", ""]
     writer.write("\r\n".join(lines).encode())
     head, _, body = (await reader.read()).partition(b"\r\n\r\n")
     writer.close()
@@ -67,39 +69,33 @@ async def service(**keys: Any) -> AsyncIterator[RemoteIdTransport]:
         yield transport
 
 
-@in_own_time
-async def test_what_is_asked_for_is_answered() -> None:
-    asked = [
-        (f"/uss/flights?{VIEW}", 200, '"id": "radar-1"'),
-        (f"/uss/flights?{VIEW}&recent_positions_duration=60", 200, '"recent_positions"'),
-        ("/uss/flights/radar-1/details", 200, '{"details": {"id": "radar-1"}}'),
-        ("/uss/flights/radar-2/details", 404, "no such flight"),
-        (f"/display_data?{VIEW}", 200, '"most_recent_position"'),
-        ("/display_data/radar-1", 200, '{"uas": {"id": "radar-1"}}'),
-        ("/uss/flights?view=40,-4,41,-3", 413, "at most 7000"),
-        ("/uss/flights", 400, "view=lat1"),
-        (f"/uss/flights?{VIEW}&recent_positions_duration=x", 400, "in seconds"),
-        ("/else", 404, "/uss/flights"),
-    ]
-    async with service() as transport:
-        for path, status, words in asked:
-            found, told = await ask(transport.settings.port, path)
-            assert found == status
-            assert words in json.dumps(told)
+OURS, WRONG = (f"Authorization: Bearer {word}" for word in ("secret", "wrong"))
+FLIGHTS = f"/uss/flights?{VIEW}"
+ASKED = [
+    ((FLIGHTS, OURS), 200, '"id": "radar-1"'),
+    ((f"{FLIGHTS}&recent_positions_duration=60", OURS), 200, '"recent_positions"'),
+    (("/uss/flights/radar-1/details", OURS), 200, '{"details": {"id": "radar-1"}}'),
+    (("/uss/flights/radar-2/details", OURS), 404, "no such flight"),
+    ((f"/display_data?{VIEW}", OURS), 200, '"most_recent_position"'),
+    (("/display_data/radar-1", OURS), 200, '{"uas": {"id": "radar-1"}}'),
+    (("/uss/flights?view=40,-4,41,-3", OURS), 413, "at most 7000"),
+    (("/uss/flights", OURS), 400, "view=lat1"),
+    ((f"{FLIGHTS}&recent_positions_duration=x", OURS), 400, "in seconds"),
+    (("/else", OURS), 404, "/uss/flights"),
+    ((FLIGHTS,), 401, "bearer token"),
+    ((FLIGHTS, WRONG), 401, "bearer token"),
+    ((FLIGHTS, OURS, "Origin: http://evil.example"), 403, "web pages"),
+    ((FLIGHTS, OURS, "Host: evil.example"), 403, "by its own name"),
+]
 
 
 @in_own_time
-async def test_who_may_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_may_ask_is_answered_what_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PLOTFEED_HTTP_TOKEN_RID", "secret")
-    path = f"/uss/flights?{VIEW}"
     async with service(**TOKEN) as transport:
-        port = transport.settings.port
-        right = "Authorization: Bearer secret"
-        assert (await ask(port, path))[0] == 401
-        assert (await ask(port, path, "Authorization: Bearer wrong"))[0] == 401
-        assert (await ask(port, path, right))[0] == 200
-        assert (await ask(port, path, right, "Origin: http://evil.example"))[0] == 403
-        assert (await ask(port, path, right, host="evil.example"))[0] == 403
+        for asked, status, words in ASKED:
+            found, told = await ask(transport.settings.port, *asked)
+            assert (found, words in json.dumps(told)) == (status, True), asked
 
 
 @in_own_time
@@ -115,7 +111,7 @@ async def test_who_asks_is_answered_whatever_others_say_and_however_many_are_sil
         assert len(transport._places._held) <= 100
         damaged = Message("t", flights("radar-2").replace(b"{", b"["), carried, NOW)
         assert taken(transport, damaged)
-        _, told = await ask(port, f"/uss/flights?{VIEW}")
+        _, told = await ask(port, FLIGHTS)
         await asyncio.sleep(ASKING.patience_s)
         assert not transport._places._held
         for _, writer in silent:
@@ -169,11 +165,8 @@ async def test_another_session_follows_the_tracks_of_one_by_asking() -> None:
 
 @in_own_time
 async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
-    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    with pytest.raises(TransportError, match=r"remote_id_service\[0\].port"):
+    with deaf_server() as port, pytest.raises(TransportError, match=r"remote_id_service\[0\].port"):
         await run(made(port), clock=LoopClock(), broker="none", stop=asyncio.Event())
-    server.close()
 
 
 def test_what_a_service_needs_is_told_before_anything_is_sent() -> None:
