@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import math
 import socket
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from paho.mqtt.publish import single
 from support.brokers import free_port, own_broker
 from support.command import plotfeed
-from support.scene_files import radar, scene_text
+from support.scene_files import DRONE, radar, scene_text
 from support.sessions import at_work
 from support.vehicles import vehicle
 from support.waiting import until
@@ -25,13 +24,15 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import MqttReceiver
 
 pytest.importorskip("pymavlink")
 
 
-def scene(*sources: str) -> Scene:
+def scene(*sources: str, telemetry: str = "", drones: str = "") -> Scene:
     tables = "".join(f"[[telemetry.source]]\n{source}\n" for source in sources)
-    text = scene_text(sensors=radar(period_s=0.5), drones="", telemetry=tables)
+    more = {"telemetry": f"{telemetry}\n{tables}", "drones": drones}
+    text = scene_text(sensors=radar(period_s=0.5), **more)
     return parsed(text.encode(), Path("scene.toml"))
 
 
@@ -66,71 +67,54 @@ async def test_autopilots_are_seen_where_they_say_and_a_record_runs_again_withou
     assert totals["plots"] > totals["false_alarms"]
 
 
-async def datagrams_to(port: int) -> asyncio.DatagramTransport:
-    to = ("127.0.0.1", port)
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=to)
-    return transport
+@pytest.fixture
+def sender() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.setblocking(False)
+        yield found
 
 
 @pytest.mark.asyncio
-async def test_what_is_no_mavlink_is_counted_and_told() -> None:
+async def test_aircraft_are_seen_beside_drones_and_what_is_no_mavlink_is_counted_and_told(
+    sender: socket.socket,
+) -> None:
     port = free_port()
-    transport = await datagrams_to(port)
-    async with at_work(scene(f'url = "mavlink:udp://:{port}"'), None) as session:
-        transport.sendto(b"GET / HTTP/1.1\r\n\r\n")
-        await until(lambda: session.totals.refused > 0)
-        assert session.totals.refused_by == {"undecodable": 1}
-        assert "/telemetry/mavlink: 18 octets that are no MAVLink frame" in (
-            session.totals.last_refusal
-        )
-    transport.close()
-
-
-@pytest.mark.asyncio
-async def test_aircraft_are_seen_beside_drones() -> None:
-    port = free_port()
-    text = f"""max_speed_m_s = 350.0
-[[telemetry.source]]
-url = "sbs1:udpin:127.0.0.1:{port}"
-"""
-    of = parsed(
-        scene_text(sensors=radar(period_s=0.5), telemetry=text).encode(), Path("scene.toml")
-    )
-    transport = await datagrams_to(port)
+    sources = f'url = "sbs1:udpin:127.0.0.1:{port}"', f'url = "mavlink:udp://:{port + 1}"'
+    of = scene(*sources, telemetry="max_speed_m_s = 350.0", drones=DRONE)
     line = "MSG,3,1,1,484412,1,,,,,,{},,,40.47,-3.73,,,,,,0\r\n"
     async with at_work(of, None) as session:
 
         def flies() -> bool:
-            transport.sendto(line.format(3000 + session.totals.telemetry).encode())
+            sender.sendto(b"GET / HTTP/1.1\r\n\r\n", ("127.0.0.1", port + 1))
+            told = line.format(3000 + session.totals.telemetry)
+            sender.sendto(told.encode(), ("127.0.0.1", port))
             return session.totals.telemetry > 20
 
         await until(flies)
         assert sorted(session.session.trajectories.names) == ["484412", "visitor"]
-    transport.close()
+    assert session.totals.refused_by.keys() == {"undecodable"}
+    expected = "/telemetry/mavlink: 18 octets that are no MAVLink frame"
+    assert expected in session.totals.last_refusal
 
 
-@pytest.mark.asyncio
-async def test_what_another_system_publishes_is_taken_by_its_mapping(tmp_path: Path) -> None:
-    port = free_port()
-    text = """[[telemetry.mapping]]
+MAPPING = """[[telemetry.mapping]]
 topic = "fleet/{drone}/state"
 latitude = "lat"
 longitude = "lon"
 altitude = "alt"
 altitude_reference = "ellipsoid"
 """
-    of = parsed(
-        scene_text(sensors=radar(period_s=0.5), drones="", telemetry=text).encode(),
-        Path("scene.toml"),
-    )
-    where = {"hostname": "127.0.0.1", "port": port}
-    with own_broker(tmp_path, port):
-        async with at_work(of, port) as session:
+
+
+@pytest.mark.asyncio
+async def test_what_another_system_publishes_is_taken_by_its_mapping(tmp_path: Path) -> None:
+    port = free_port()
+    with own_broker(tmp_path, port), MqttReceiver(port, 5) as other:
+        async with at_work(scene(telemetry=MAPPING), port) as session:
             for n in range(3):
                 said = json.dumps({"lat": 40.46 + n * 1e-6, "lon": -3.73, "alt": 900})
-                await asyncio.to_thread(single, "fleet/u7/state", said, qos=1, **where)
-            await asyncio.to_thread(single, "fleet/u8/state", '{"lat": "n/a"}', qos=1, **where)
+                other.publish("fleet/u7/state", said.encode())
+            other.publish("fleet/u8/state", b'{"lat": "n/a"}')
             await until(lambda: (session.totals.telemetry, session.totals.refused) == (3, 1))
             assert session.session.trajectories.names == ["u7"]
     expected = "plotfeed/telemetry/u8: lat is 'n/a'; expected a number"
@@ -167,29 +151,27 @@ def test_a_wrong_source_is_told_by_its_key(source: str, says: str) -> None:
 
 
 @pytest.mark.asyncio
-async def test_an_autopilot_that_sends_what_it_is_asked_for_is_followed() -> None:
+async def test_an_autopilot_that_sends_what_it_is_asked_for_is_followed(
+    sender: socket.socket,
+) -> None:
     common = pytest.importorskip("pymavlink.dialects.v20.common")
-    mav, asked = common.MAVLink(None, srcSystem=4, srcComponent=1), dict[int, float]()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
-        autopilot.setblocking(False)
-        port = free_port()
-        source = f'url = "mavlink:udp://:{port}"\nask_hz = 5'
-        async with at_work(scene(source), None) as session:
+    mav, asked, port = common.MAVLink(None, 4, 1), dict[int, float](), free_port()
+    async with at_work(scene(f'url = "mavlink:udp://:{port}"\nask_hz = 5'), None) as session:
 
-            def follows() -> bool:
-                said = mav.heartbeat_encode(2, 3, 0, 0, 4)
-                if 33 in asked:
-                    place = (404_500_000, -37_300_000, 750_000, 100_000)
-                    boot_ms = round(1000 * time.monotonic()) % 2**32
-                    said = mav.global_position_int_encode(boot_ms, *place, 0, 0, 0, 0)
-                autopilot.sendto(said.pack(mav), ("127.0.0.1", port))
-                with contextlib.suppress(BlockingIOError):
-                    while True:
-                        for message in mav.parse_buffer(autopilot.recv(2048)) or []:
-                            if message.get_type() == "COMMAND_LONG" and message.command == 511:
-                                asked[int(message.param1)] = message.param2
-                return session.totals.telemetry > 0
+        def follows() -> bool:
+            said = mav.heartbeat_encode(2, 3, 0, 0, 4)
+            if 33 in asked:
+                place = (404_500_000, -37_300_000, 750_000, 100_000)
+                boot_ms = round(1000 * time.monotonic()) % 2**32
+                said = mav.global_position_int_encode(boot_ms, *place, 0, 0, 0, 0)
+            sender.sendto(said.pack(mav), ("127.0.0.1", port))
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    for message in mav.parse_buffer(sender.recv(2048)) or []:
+                        if message.get_type() == "COMMAND_LONG" and message.command == 511:
+                            asked[int(message.param1)] = message.param2
+            return session.totals.telemetry > 0
 
-            await until(follows)
-            assert session.session.trajectories.names == ["mav-4"]
+        await until(follows)
+        assert session.session.trajectories.names == ["mav-4"]
     assert asked == {33: 200_000, 24: 200_000, 2: 1_000_000, 242: 1_000_000}

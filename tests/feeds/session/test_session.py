@@ -12,16 +12,15 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.own_time import LoopClock, in_own_time
-from support.scene_files import DRONE, radar, scene_file, scene_text
+from support.scene_files import radar, scene_file, scene_text
 from support.sessions import AtWork, StallingClock, at_work, simulated
 from support.significance import Array, assert_chance
 
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import MOST_BEHIND_NS, Clock, InstantClock, WallClock
+from plotfeed.feeds.timing.clock import MOST_BEHIND_NS, Clock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 START = "2026-01-01T11:59:58.05Z"
@@ -108,25 +107,19 @@ def assert_same(one: AtWork, another: AtWork) -> None:
         assert mine == theirs
 
 
-class LateClock(InstantClock):
+class LateClock(StallingClock):
     """A machine that oversleeps every time by chance, and once stands still."""
-
-    leaps = False
 
     def __init__(
         self, start_utc_ns: int, mean_s: float = 0.002, *, after_s: float = 1e6, for_s: float = 0.0
     ) -> None:
-        super().__init__(start_utc_ns)
+        super().__init__(start_utc_ns, after_s, for_s)
         self._rng, self._mean_s = np.random.default_rng(5), mean_s
-        self._pause_ns, self._for_ns = start_utc_ns + round(after_s * NS), round(for_s * NS)
 
     async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
         if self.now_ns() < t_utc_ns:
             t_utc_ns += round(self._rng.exponential(self._mean_s) * NS)
         await super().sleep_until(t_utc_ns, exactly=exactly)
-        if self._for_ns and t_utc_ns >= self._pause_ns:
-            await super().sleep_until(t_utc_ns + self._for_ns)
-            self._for_ns = 0
 
 
 class SlowClock(LateClock):
@@ -320,29 +313,3 @@ async def test_a_session_told_to_stop_sends_the_sectors_that_are_worked_out(tmp_
     last_ns = max(m.due_utc_ns for m, _ in watch.said if m.topic.endswith("/plots"))
     assert last_ns > observer.paused_ns > 0
     assert json.loads(watch.on("radar/status")[-1])["state"] == "OFFLINE"
-
-
-FAR, NEAR = (f"{{ east_m = {m}, north_m = {m}, above_site_m = 0.0 }}" for m in (1e6, -1e6))
-SLOW = DRONE.partition("path")[0].replace("speed_m_s = 15.0", "speed_m_s = 0.01")
-
-
-@pytest.mark.parametrize(
-    ("drones", "start_utc", "says"),
-    [
-        (
-            '[[drone]]\nid = "d"\nflight = { file = "absent.csv" }\n',
-            START,
-            r"absent\.csv: cannot be read",
-        ),
-        (
-            f"{SLOW}start_s = 1e9\npath = [{FAR}, {NEAR}, {FAR}, {NEAR}]",
-            "2199-12-30T00:00:00Z",
-            "'visitor': path: it ends after the year 2262",
-        ),
-    ],
-)
-def test_a_flight_that_cannot_be_flown_is_an_error_before_anything_runs(
-    tmp_path: Path, drones: str, start_utc: str, says: str
-) -> None:
-    with pytest.raises(PlotfeedError, match=says):
-        simulated(scene(tmp_path, TURN, drones=drones, start_utc=start_utc), 1.0)
