@@ -35,24 +35,12 @@ from plotfeed.testing import MqttReceiver
 FAST = radar(period_s=0.2, sectors=8)
 
 
-def test_where_the_usual_port_is_taken_another_stands_in_and_that_is_told() -> None:
-    with port_is_taken(1883), running("demo", "--page", "none") as demo:
-        port = demo.port("MQTT")
-        assert port != 1883
-        (line,) = (line for line in demo.introduction if line.startswith("  MQTT"))
-        assert line.split(maxsplit=2)[1:] == [f"mqtt://127.0.0.1:{port}", "(port 1883 is taken)"]
-        assert f"look at it: plotfeed show mqtt://127.0.0.1:{port};" in demo.introduction[-1]
-        with MqttReceiver(port, 4, "plotfeed/#") as client:
-            client.wait_for(lambda m: m.topic == "plotfeed/session")
-
-
-def ports_had(*wanted: int) -> list[int]:
-    with ExitStack() as stack:
-        found = listeners("127.0.0.1", wanted, may_be_others=True)
-        return [stack.enter_context(each).getsockname()[1] for each in found]
-
-
 def test_ports_are_the_preferred_ones_if_nobody_has_them_and_they_are_ports() -> None:
+    def ports_had(*wanted: int) -> list[int]:
+        with ExitStack() as stack:
+            found = listeners("127.0.0.1", wanted, may_be_others=True)
+            return [stack.enter_context(each).getsockname()[1] for each in found]
+
     preferred = free_port()
     assert ports_had(preferred, preferred + 1) == [preferred, preferred + 1]
     assert 0 < ports_had(65535, 65536)[1] < 65536
@@ -69,14 +57,13 @@ async def test_a_port_that_somebody_holds_is_replaced_and_told_of_unless_a_scene
         f"mqtt.port = {port}: port {port + 1} of 127.0.0.1, for WebSocket, is taken; name another, "
         "or leave the key out to have any that is free"
     )
-    with socket.socket() as holder:
-        holder.bind(("127.0.0.1", 0))
-        taken = holder.getsockname()[1]
+    with deaf_server() as taken:
         started = await EmbeddedBroker.start(taken)
         try:
-            assert started.ports.instead_of == {started.ports.mqtt: taken}
-            assert started.ports.websocket is None  # without its key
-            with MqttReceiver(started.ports.mqtt, 5):
+            own = started.ports.mqtt
+            told = f"mqtt://127.0.0.1:{own} (port {taken} is taken)"
+            assert started.ports.urls() == {"MQTT": told}  # of WebSocket nothing without its key
+            with MqttReceiver(own, 5):
                 pass
         finally:
             await started.stop()

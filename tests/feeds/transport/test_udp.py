@@ -175,36 +175,35 @@ async def test_an_interface_that_is_not_there_is_an_error_that_names_its_key(
 
 
 EXPECTED = "expected ADDRESS:PORT such as 239.255.0.1:8600 or [ff15::1]:8600, not "
-MISTAKES = {
-    'destination = "localhost:8600"': f"udp[0].destination: {EXPECTED}'localhost:8600'",
-    'destination = "239.1.2.3:0"': f"udp[0].destination: {EXPECTED}'239.1.2.3:0'",
-    'destination = "ff15::1:8600"': f"udp[0].destination: {EXPECTED}'ff15::1:8600'",
-    'destination = "0.0.0.0:8600"': "udp[0].destination: expected the address of one host or a "
-    "multicast group, not 0.0.0.0",
-    'destination = "[fe80::1]:8600"': "udp[0].destination: a link-local address needs its "
-    "interface, such as fe80::1%eth0",
-    'destination = "10.0.0.1:1"\ninterface = "eth0"': "udp[0].interface: only for multicast, which "
-    "10.0.0.1:1 is not",
-    'destination = "239.1.2.3:1"\ninterface = ""': "udp[0].interface: expected the name of one, or "
-    "its address",
-    'destination = "239.1.2.3:1"\nttl = 256': "udp[0].ttl: input should be less than or equal to "
-    "255, not 256",
-    'destination = "239.1.2.3:1"\nmax_octets = 10': "udp[0].max_octets: input should be greater "
-    "than or equal to 64, not 10",
-    'destination = "239.1.2.3:1"\nsensors = ["raddar"]': "udp[0].sensors: no sensor has the id "
-    "'raddar'",
-    "ttl = 3": "udp[0].destination: missing",
-}
+ONE = "expected the address of one host or a multicast group, not "
+LOCAL = "a link-local address needs its interface, such as fe80::1%eth0"
+LEAST = "input should be greater than or equal to 64"
+MOST = "input should be less than or equal to 255"
+# A destination, further keys, and which key is wrong and why.
+MISTAKES = [
+    ("localhost:8600", "", f"destination: {EXPECTED}'localhost:8600'"),
+    ("239.1.2.3:0", "", f"destination: {EXPECTED}'239.1.2.3:0'"),
+    ("ff15::1:8600", "", f"destination: {EXPECTED}'ff15::1:8600'"),
+    ("0.0.0.0:8600", "", f"destination: {ONE}0.0.0.0"),  # noqa: S104
+    ("[fe80::1]:8600", "", f"destination: {LOCAL}"),
+    ("10.0.0.1:1", 'interface = "eth0"', "interface: only for multicast, which 10.0.0.1:1 is not"),
+    ("239.1.2.3:1", 'interface = ""', "interface: expected the name of one, or its address"),
+    ("239.1.2.3:1", "ttl = 256", f"ttl: {MOST}, not 256"),
+    ("239.1.2.3:1", "max_octets = 10", f"max_octets: {LEAST}, not 10"),
+    ("239.1.2.3:1", 'sensors = ["raddar"]', "sensors: no sensor has the id 'raddar'"),
+    ("", "ttl = 3", "destination: missing"),
+]
 
 
 def test_a_mistake_is_one_line_that_names_its_key(tmp_path: Path) -> None:
-    for keys, expected in MISTAKES.items():
-        path = scene_file(tmp_path, scene_with(f"[[udp]]\n{keys}\n"))
+    for to, keys, expected in MISTAKES:
+        table = f'[[udp]]\ndestination = "{to}"\n{keys}\n' if to else f"[[udp]]\n{keys}\n"
+        path = scene_file(tmp_path, scene_with(table))
         with pytest.raises(SceneError) as caught:
             load(path)
-        place, _, told = str(caught.value).partition(": udp")
+        place, _, told = str(caught.value).partition(": udp[0].")
         assert place.startswith(f"{path}: line ")
-        assert f"udp{told}" == expected
+        assert told == expected
 
 
 def test_a_run_says_where_datagrams_go(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TypeVar
 
 from hypothesis import given
@@ -116,20 +115,6 @@ def test_who_has_subscribed_to_a_topic_hears_it_with_what_a_version_can_carry_an
         assert (publication.topic, publication.payload) == (name, b"x")
         said = publication.properties.pairs, publication.properties.content_type
         assert said == (((("k", "v"),), "text/plain") if origin == to == 5 else ((), None))
-
-
-@given(data=st.data(), version=versions)
-def test_octets_in_any_pieces_are_the_same_packets(data: st.DataObject, version: int) -> None:
-    hello = connect_packet("me", version, keep_alive_s=60)
-    message = Message("a/b", b"payload", "", 0, (("k", "v"),))
-    octets = hello + subscribe_packet(1, "a/#", version) + PINGREQ
-    octets += publish_packet(message, version) + publish_packet(message, version, number=7)
-    cuts = data.draw(st.lists(st.integers(0, len(octets)), max_size=8).map(sorted))
-    places = [0, *cuts, len(octets)]
-    whole, cut = Peer(broker(), version, octets), Peer(broker(), version, b"")
-    for begin, end in pairwise(places):
-        cut.say(octets[begin:end])
-    assert cut.octets == whole.octets
 
 
 @given(octets=st.binary(max_size=200), version=versions, greets=st.booleans())
