@@ -18,7 +18,6 @@ from scipy.optimize import brentq
 from plotfeed.models.beam import (
     AzimuthCover,
     Sector,
-    Sectors,
     Timetable,
     Timetables,
     ahead_of_beam_deg,
@@ -68,17 +67,6 @@ def test_every_time_is_in_the_sector_that_it_is_said_to_be_in(
     assert sector.start_ns <= t_utc_ns < sector.end_ns
     assert 0 <= sector.index < sectors
     assert sector.scan == t_utc_ns // period_ns
-
-
-@given(st.integers(0, 10**9), periods_ns, sector_counts)
-def test_sectors_fill_their_scan(scan: int, period_ns: int, sectors: int) -> None:
-    parts = [Timetable(period_ns, sectors).sector(scan, i) for i in range(sectors)]
-    assert parts[0].start_ns == scan * period_ns
-    assert parts[-1].end_ns == (scan + 1) * period_ns
-    assert parts[0].start_deg == 0
-    assert parts[-1].end_deg == pytest.approx(360)
-    lengths = [p.end_ns - p.start_ns for p in parts]
-    assert max(lengths) - min(lengths) <= 1
 
 
 @given(times_ns, st.integers(0, 600), periods_ns, sector_counts)
@@ -145,14 +133,6 @@ def test_the_shares_of_a_scan_make_up_the_cover_each_in_its_sector(
     assert all(0 <= low < high <= 1 for low, high in shares)
 
 
-def test_a_cover_through_north_holds_both_of_its_sides() -> None:
-    cover = AzimuthCover(-30.0, 60.0)
-    azimuths = np.array([330.0, 359.0, 0.0, 60.0, 60.1, 180.0, 329.9, -10.0, np.nan])
-    assert cover.holds(azimuths).tolist() == [
-        True, True, True, True, False, False, False, True, False,
-    ]  # fmt: skip
-
-
 def test_a_sector_can_hold_both_ends_of_the_cover() -> None:
     shares = AzimuthCover(80.0, 370.0).shares_in(Timetable(S, 4).sector(0, 0))
     assert shares == [(pytest.approx(280 / 290), 1.0), (0.0, pytest.approx(10 / 290))]
@@ -198,26 +178,6 @@ def test_sectors_of_all_are_those_of_each(
         assert [one for of, one in found if of == i] == expected
         assert together.sector(i) == sector
         assert together.next_end_ns[i] == sector.end_ns
-
-
-def test_rows_belong_to_the_sector_in_which_they_are() -> None:
-    tables = [Timetable(S, 8), Timetable(S // 2, 1), Timetable(S, 4)]
-    together = Timetables(tables)
-    together.start(0)
-    sectors = together.ending_before(2 * S)
-    rng = np.random.default_rng(1)
-    row = np.sort(rng.integers(0, len(sectors), 500))
-    share = rng.random(500)
-    t_ns = sectors.start_ns[row] + (share * (sectors.end_ns - sectors.start_ns)[row]).astype(int)
-    t_ns[sectors.stares[row]] = sectors.end_ns[row][sectors.stares[row]]
-    places = sectors.places(sectors.sensor[row], t_ns)
-    order = np.argsort(places, kind="stable")
-    offsets = sectors.offsets(places[order])
-    found = np.repeat(np.arange(len(sectors)), np.diff(offsets))
-    assert (found == row[order]).all()
-    assert offsets[0] == 0
-    assert offsets[-1] == 500
-    assert Sectors.of([]).sensor.shape == (0,)
 
 
 def frames(seed: int) -> list[Axes]:

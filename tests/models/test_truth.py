@@ -193,21 +193,6 @@ def test_a_repeated_path_is_the_same_in_every_turn(into_ns: int, turn: int) -> N
     np.testing.assert_array_equal(first.velocity_ecef_m_s, later.velocity_ecef_m_s)
 
 
-@given(st.lists(st.integers(-NS, 14 * NS), min_size=1, max_size=30))
-def test_states_do_not_depend_on_what_was_asked_before(asked_ns: list[int]) -> None:
-    def make() -> Trajectories:
-        paths = curved()
-        sample(paths, 9.0, (0.0, 0.0, 9.0))
-        return paths
-
-    often = make()
-    for t in asked_ns:
-        one, fresh = often.state_at(T0 + t), make().state_at(T0 + t)
-        assert len(one) == len(fresh)
-        np.testing.assert_array_equal(one.position_ecef_m, fresh.position_ecef_m)
-        np.testing.assert_array_equal(one.velocity_ecef_m_s, fresh.velocity_ecef_m_s)
-
-
 COMPONENT = st.floats(-1000, 1000) | st.just(math.nan)
 ANYWHERE = st.fixed_dictionaries({
     "latitude_deg": st.floats(-90, 90), "longitude_deg": st.floats(-180, 180),

@@ -43,15 +43,6 @@ def test_a_line_points_where_it_says_and_a_rectangle_along_its_longer_side() -> 
     np.testing.assert_allclose(spread_m, [1.0, 1.5])
 
 
-def test_a_long_line_errs_as_a_beam_of_its_length_does() -> None:
-    """The bound by a 3 dB width of 0.886 wavelengths over the length: a constant of 1.607."""
-    n, snr = 2000, np.array([100.0])
-    long = layout("line", n, spacing_m=0.01, azimuth_deg=0.0)
-    sigma_deg, _ = long.sigmas_deg(np.array([90.0]), np.array([0.0]), snr)
-    beam_deg = np.degrees(0.886 * WAVELENGTH_M / (n * 0.01))
-    assert beam_deg / np.sqrt(2 * snr) / sigma_deg == pytest.approx(1.607, abs=0.003)
-
-
 @pytest.mark.parametrize("shape", ["circle", "rectangle"])
 def test_directions_err_as_those_found_in_signals(shape: str) -> None:
     """The most likely direction by phases of signals with noise, by Newton's steps from the truth.

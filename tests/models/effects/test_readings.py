@@ -1,19 +1,27 @@
-"""What a sensor reads in place of what it finds."""
+"""What a sensor reads and claims in place of what it finds, and how badly where it is degraded."""
 
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.significance import assert_law, assert_sum
 
+from plotfeed.models.beam import Sector
 from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.effects.classification import ClaimDraws, Confusion
 from plotfeed.models.effects.readings import Drift, Readings, SkewFrame, own_axes
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import Floats
+from plotfeed.testing import scene, staring
+
+# What a sensor reads in place of what it finds.
+
 
 S = 1_000_000_000
 TIMES_NS = np.array([5, 5, 9, 5]) * S
@@ -125,3 +133,86 @@ def test_within_a_step_it_stands_still_and_at_the_end_of_time_there_is_a_value()
     assert values[3].tolist() != values[2].tolist()
     drift = Drift(Chance(5, "radar"), step_ns=20_000_000, time_constant_ns=1e9 * S, n=2)
     assert np.isfinite(drift.at(np.array([0, 7 * 86_400 * S, (1 << 63) - 1]))).all()
+
+
+# Confusion matrices: what is claimed as often as a row says, and how sure a claim is.
+
+
+MATRIX = Confusion(
+    claims=("drone", "bird", "aircraft"),
+    true_classes=("drone", "bird"),
+    rows=((0.8, 0.15, 0.05), (0.3, 0.7, 0.0)),
+)
+
+
+def test_what_the_matrix_does_not_name_is_called_nothing_or_what_otherwise_says() -> None:
+    true = np.array(["balloon", None, ""] * 500, np.object_)
+    kinds, probability = MATRIX.claimed(true, np.random.default_rng(4))
+    assert set(kinds) == {""}
+    assert np.isnan(probability).all()
+    named = replace(MATRIX, otherwise=(0.0, 1.0, 0.0))
+    assert set(named.claimed(true, np.random.default_rng(4))[0]) == {"bird"}
+
+
+def test_rows_whose_sum_rounds_below_one_never_claim_what_there_is_not() -> None:
+    thirds = Confusion(
+        claims=("a", "b", "c"), true_classes=("a",), rows=((1 / 3, 1 / 3, 1 / 3 - 1e-9),)
+    )
+
+    class Last:
+        def random(self, size: tuple[int, ...]) -> np.ndarray:
+            return np.full(size, np.nextafter(1.0, 0.0))
+
+    rng: np.random.Generator = Last()  # type: ignore[assignment]
+    assert thirds.claimed(np.array(["a"], np.object_), rng)[0].tolist() == ["c"]
+
+
+HELD_NS = 10_000_000_000
+
+
+def draws_at(seconds: np.ndarray, drone: np.ndarray) -> np.ndarray:
+    draws, t_ns = ClaimDraws([Chance(1, "radar")]), (seconds * 1e9).astype(np.int64)
+    return draws.of(np.zeros(len(drone), np.int64), drone.astype(np.int64), t_ns, HELD_NS)
+
+
+def test_held_numbers_stay_for_their_time_and_change_at_times_of_each_drone() -> None:
+    seconds, drone = (a.ravel() for a in np.meshgrid(np.arange(100.0), np.arange(8)))
+    found = draws_at(seconds, drone).reshape(8, 100)
+    changes = [np.flatnonzero(np.diff(of_drone)) for of_drone in found]
+    assert all((np.diff(of_drone) == HELD_NS / 1e9).all() for of_drone in changes)
+    assert len({int(of_drone[0]) for of_drone in changes}) > 4
+
+
+def test_held_numbers_are_uniform_over_drones_and_spells_whatever_else_is_asked() -> None:
+    spells, drone = (a.ravel() for a in np.meshgrid(np.arange(60.0) * 10, np.arange(60)))
+    found = draws_at(spells, drone)
+    assert_law(found, "uniform", "held")
+    some = np.arange(0, len(drone), 7)
+    np.testing.assert_array_equal(found[some], draws_at(spells[some], drone[some]))
+
+
+def test_a_claim_by_a_number_that_is_held_is_that_of_its_share_of_the_row() -> None:
+    true, drawn = np.full(3, "drone", np.object_), np.array([0.79, 0.81, 0.951])
+    kinds, _ = MATRIX.claimed(true, np.random.default_rng(6), drawn)
+    assert kinds.tolist() == ["drone", "bird", "aircraft"]
+
+
+# Factors of a degraded sensor where they leave nothing of a probability.
+
+
+BEAMS = 18
+MICROPHONES: dict[str, Any] = {
+    "id": "mic", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 0.0,
+    "range_max_m": 1000.0, "azimuth_beamwidth_deg": 20.0, "pfa": 0.01, "report": ["plots"],
+}  # fmt: skip
+
+
+def test_more_alarms_than_there_are_cells_keep_their_mean() -> None:
+    """A thousand times the alarms of a Pfa of 0.01: ten a cell, which no Pfa gives."""
+    made = scene([MICROPHONES | {"degradation": {"false_alarm_factor": 1000.0}}], seed=1)
+    model = made.sensor[0].model(made.scene.site)
+    assert model.false_alarms_per_scan == pytest.approx(10 * BEAMS, rel=1e-12)
+    sector = Sector(0, 0, 0, 1_000_000_000, 0.0, 360.0, stares=True)
+    rng = np.random.default_rng(1)
+    n = sum(len(model.draw_false_alarms(sector, rng)) for _ in range(100))
+    assert_sum(float(n), 1000.0 * BEAMS, 1000.0 * BEAMS * 0.99, "alarms of 100 scans")
