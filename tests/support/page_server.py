@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
 
 import pytest
@@ -42,6 +42,11 @@ class Served:
         port = urlsplit(self.url).port
         assert port
         return port
+
+    @property
+    def view(self) -> View:
+        """The page's view, whose methods run where the server does."""
+        return cast("View", _InLoop(self))
 
     def call(self, function: Callable[[], Any]) -> Any:
         """What a function gives that must run where the server does."""
@@ -82,6 +87,15 @@ class Served:
             max_size=None,
             **more,
         )
+
+
+class _InLoop:
+    def __init__(self, served: Served) -> None:
+        self._served = served
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        method = getattr(self._served.server._view, name)
+        return lambda *told, **more: self._served.call(lambda: method(*told, **more))
 
 
 @contextmanager

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from support.chromium import THEME, broken_rules, drawn, looking, until, until_shown
+from support.every_kind import FAR_SENSORS
 from support.made_up_session import MOST_AT_ONCE_S, MadeUpSession
 from support.page_server import Served, wait_for_command
 from support.page_updates import read_frame
@@ -16,10 +16,8 @@ from support.page_updates import read_frame
 from plotfeed import testing
 from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.updates import SectionKind, TrackFlag
-from plotfeed.feeds.scene.fields import frame_at
-from plotfeed.models.frames import aer_to_enu, ecef_to_geodetic
-from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.feeds.page.updates import SectionKind
+from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
@@ -42,22 +40,6 @@ def truth(page: Page) -> None:
     page.get_by_role("button", name="Truth").click()
 
 
-def delivered_plots(stage: MadeUpSession) -> dict[str, list[tuple[float, float, float]]]:
-    """Time, milliseconds, east and north of plots with a place, as the messages say, by sensor."""
-    frames = {s.id: frame_at(stage.scene.scene.site, s.position_enu_m) for s in stage.scene.sensor}
-    found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in frames}
-    for message in stage.messages:
-        if not message.topic.endswith("/plots"):
-            continue
-        batch = pb.PlotBatch.FromString(message.payload)
-        for plot in batch.plots:
-            if plot.HasField("range_m"):
-                local_m = aer_to_enu(plot.azimuth_deg, plot.elevation_deg, plot.range_m)
-                enu_m = testing.SITE.from_ecef(frames[batch.sensor].to_ecef(local_m))
-                found[batch.sensor].append((plot.time_utc_ns / 1e6, enu_m[0], enu_m[1]))
-    return found
-
-
 def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
     page: Page, stage: MadeUpSession, served: Served
 ) -> None:
@@ -65,45 +47,36 @@ def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
         page.get_by_role("checkbox", name=layer).uncheck()
     page.get_by_label("Fade").select_option("30")
     drawn(page)
-    shown, view, ids, pixels = page.evaluate(
+    shown, view = page.evaluate(
         """() => {
-          const { picture: { plots, news }, display: { view } } = plotfeed, shown = [];
-          const canvas = document.getElementById("screen"), context = canvas.getContext("2d");
-          const { data, width } = context.getImageData(0, 0, canvas.width, canvas.height);
-          const pixels = [];
+          const { picture: { plots }, display: { view } } = plotfeed, shown = [];
+          const context = document.getElementById("screen").getContext("2d");
           for (let row = plots.begin; row < plots.end; row++) {
             const at = plots.at(row);
             if (plots.flags[at]) continue;
             const x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
-            shown.push([plots.sensor[at], plots.t_utc_ms[at], x, y]);
-            const i = 4 * (Math.round(y) * width + Math.round(x));
-            pixels.push([data[i], data[i + 1], data[i + 2]]);
+            const { data } = context.getImageData(Math.round(x), Math.round(y), 1, 1);
+            shown.push([plots.sensor[at], x, y, data[0], data[1], data[2]]);
           }
-          return [shown, { ...view }, news.scene.sensors.map((s) => s.id), pixels];
+          return [shown, { ...view }];
         }"""
     )
-    view_now = served.server._view
-    everything = served.call(lambda: view_now.snapshot(stage.now_ns))
-    lost = read_frame(everything.public + everything.truth)
-    expected = delivered_plots(stage)
-    assert len(shown) + len(lost.column(SectionKind.LOST_PLOTS, "flags")) == sum(
-        map(len, expected.values())
-    )
+    told = read_frame(served.view.snapshot(stage.now_ns).public)
+    names = ("flags", "sensor", "east_m", "north_m")
+    flags, sensors, east_m, north_m = (told.column(SectionKind.PLOTS, name) for name in names)
+    expected_x = view["width"] / 2 + (east_m - view["east"]) / view["scale"]
+    expected_y = view["height"] / 2 - (north_m - view["north"]) / view["scale"]
+    expected = np.stack([sensors, expected_x, expected_y], axis=-1)[flags == 0]
     assert len(shown) > 50
-    for sensor, t_ms, x, y in shown:
-        times_ms, east_m, north_m = np.array(expected[ids[sensor]]).T
-        expected_x = view["width"] / 2 + (east_m - view["east"]) / view["scale"]
-        expected_y = view["height"] / 2 - (north_m - view["north"]) / view["scale"]
-        off = np.hypot(expected_x - x, expected_y - y)[np.abs(times_ms - t_ms) < 0.01]
-        assert off.min() < 1
+    np.testing.assert_allclose(np.array(shown)[:, :3], expected, atol=1)
     # Where a plot is that no other mark or ring touches, its sensor's colour lies over the ground,
     # however faded.
-    seen = np.array(pixels) - SEA
+    seen = np.array(shown)[:, 3:] - SEA
     colour = np.array([SENSOR_COLOURS[sensor] for sensor, *_ in shown]) - SEA
     share = (seen * colour).sum(axis=1) / (colour**2).sum(axis=1)
     off = np.abs(seen - share[:, None] * colour).max(axis=1)
     assert (share > 0.1).mean() > 0.97
-    places = np.array([(x, y) for *_, x, y in shown])
+    places = np.array(shown)[:, 1:3]
     apart = np.hypot(*(places[:, None] - places).T) + np.diag(np.full(len(shown), np.inf))
     alone = apart.min(axis=0) > CLEAR_OF_OTHERS_PX
     assert alone.sum() > 10
@@ -146,13 +119,8 @@ def test_a_leap_shows_another_time_and_leaves_the_display_where_it_is(
     page.get_by_text("Plot of").wait_for()
     view = page.evaluate(VIEW)
     before_ms = page.evaluate("plotfeed.picture.nowMs(0)")
-
-    def leap() -> None:
-        assert stage.view is not None
-        stage.view.clear()
-        stage.now_ns -= NS // 2
-
-    served.call(leap)
+    stage.now_ns -= NS // 2
+    served.view.clear()
     until(page, "ms => plotfeed.picture.nowMs(0) < ms - 400", before_ms)
     assert page.evaluate("plotfeed.picture.plots.end") == 0
     assert page.evaluate(VIEW) == view
@@ -269,32 +237,30 @@ def test_the_ruler_measures_between_two_places(page: Page) -> None:
     page.get_by_role("button", name="Ruler", pressed=False).wait_for()
 
 
+def column(page: Page, number: int) -> list[str]:
+    """What the cells of a column of the table say."""
+    cells = page.locator(f"#table-body td:nth-child({number})").all_inner_texts()
+    return [text.strip() for text in cells]
+
+
 def test_the_table_is_sorted_filtered_and_chosen_from_and_a_drone_is_followed(
     page: Page, served: Served
 ) -> None:
     page.get_by_label("Fade").select_option("60")
     display(page).press("b")
-    table, kind = (
-        page.get_by_role("table", name="What is shown, in rows"),
-        page.get_by_label("Kind"),
-    )
+    kind = page.get_by_label("Kind")
     rows = "document.getElementById('table-body').rows.length"
     until(page, f"{rows} > 10")
-
-    def column(number: int) -> list[str]:
-        cells = table.locator(f"tbody tr td:nth-child({number})").all_inner_texts()
-        return [text.strip() for text in cells]
-
     for falls in (False, True):
         page.get_by_role("button", name="Range, m").click()
-        ranges = [float(text) for text in column(3) if text != "–"]
+        ranges = [float(text) for text in column(page, 3) if text != "–"]
         assert ranges == sorted(ranges, reverse=falls)
         assert page.locator("th[aria-sort]").inner_text() == "Range, m"
     page.get_by_label("Filter").fill("gate")
     until(page, "document.getElementById('table-count').textContent.includes(', of ')")
-    assert set(column(2)) <= {"gate"}
+    assert set(column(page, 2)) <= {"gate"}
     page.get_by_label("Filter").fill("")
-    table.locator("tbody button").first.click()
+    page.get_by_role("table", name="What is shown, in rows").locator("tbody button").first.click()
     page.get_by_role("heading", name="Plot of").wait_for()
     kind.select_option("tracks")
     until(page, f"{rows} === 16")
@@ -303,7 +269,7 @@ def test_the_table_is_sorted_filtered_and_chosen_from_and_a_drone_is_followed(
     assert "m/s" in page.locator("#card").inner_text()
     assert kind.locator("[value=drones]").is_disabled()
     why = "radar: range: 482 km away at its nearest, it sees to 18 km"
-    served.call(lambda: served.server._view.unseen({"drone-003": why}))
+    served.view.unseen({"drone-003": why})
     truth(page)
     until(page, "plotfeed.picture.drones !== null")
     kind.select_option("drones")
@@ -330,11 +296,13 @@ def test_the_table_is_sorted_filtered_and_chosen_from_and_a_drone_is_followed(
     until(page, "document.getElementById('table-of').value === 'plots'")
 
 
-MEDIAN_RED = """([east, north]) => {
-  const canvas = document.getElementById("screen"), { view } = plotfeed.display;
-  const at = [view.x(east) - 4, view.y(north) - 4].map(Math.round);
-  const { data } = canvas.getContext("2d").getImageData(at[0], at[1], 9, 9);
-  return [...data].filter((_, i) => i % 4 === 0).sort((a, b) => a - b)[40];
+# Of places, metres east and north of the site.
+COLOURS = """(places) => {
+  const context = document.getElementById("screen").getContext("2d"), { view } = plotfeed.display;
+  return places.map(([east, north]) => {
+    const [x, y] = [view.x(east), view.y(north)].map(Math.round);
+    return [...context.getImageData(x, y, 1, 1).data.slice(0, 3)];
+  });
 }"""
 
 
@@ -356,15 +324,16 @@ def test_maps_of_the_scene_and_of_ones_own_and_the_grid_lie_where_they_are(
     shapes = {"lines": [[-4000, 0, 4000, 0]], "areas": [square], "points": [[500, 500, "Tower"]]}
     basemap = Basemap("application/json", json.dumps(shapes).encode())
     scene = testing.scene([testing.radar(id="lonely", range_max_m=5000.0)], seed=1)
-    served.call(lambda: served.server._view.scene(scene, basemap))
+    served.view.scene(scene, basemap)
     page.get_by_role("heading", name="lonely: settings").wait_for()
     assert page.evaluate("plotfeed.picture.plots.end") == 0
     until(page, "plotfeed.display.isFitted")
     for layer in ("Cover", "Sweep"):
         page.get_by_role("checkbox", name=layer).uncheck()
     display(page).press("ArrowUp")
-    until(page, f"(place) => ({MEDIAN_RED})(place) > 20", [-1900, 2300])
-    assert page.evaluate(MEDIAN_RED, [-3300, 2300]) < 20
+    within, beside = [-1900, 2300], [-3300, 2300]
+    until(page, f"(place) => ({COLOURS})([place])[0][0] > 20", within)
+    assert page.evaluate(COLOURS, [beside])[0][0] < 20
     near = {"type": "Point", "coordinates": [-3.73, 40.45]}  # The site
     choose({"type": "Feature", "geometry": near, "properties": {"name": "Here"}})
     page.get_by_text("Map: mine.geojson").wait_for()
@@ -381,36 +350,17 @@ def test_maps_of_the_scene_and_of_ones_own_and_the_grid_lie_where_they_are(
     page.get_by_text("expected longitudes and latitudes").wait_for()
 
 
-LENS = {
-    "id": "camera",
-    "type": "camera",
-    "sic": 5,
-    "position_enu_m": [0.0, 0.0, 10.0],
-    "pan_deg": 60.0,
-    "horizontal_fov_deg": 14.0,
-    "pixels_across": 1920,
-    "pixels_down": 1080,
-    "range_max_m": 2000.0,
-    "scan": testing.staring(),
-}
+LENS = FAR_SENSORS["camera"] | {"id": "camera", "pan_deg": 60.0, "horizontal_fov_deg": 14.0}
+LENS |= {"range_max_m": 2000.0}
 JAMMER = {"east_m": -900.0, "north_m": 700.0, "above_site_m": 50.0, "eirp_w": 10.0}
 JAMMER |= {"frequency_hz": 9.4e9, "bandwidth_hz": 4e7}
-# At a distance in some directions.
-COLOURS = """([azimuths, range]) => {
-  const context = document.getElementById("screen").getContext("2d"), { view } = plotfeed.display;
-  return azimuths.map((azimuth) => {
-    const angle = (azimuth * Math.PI) / 180;
-    const x = view.x(range * Math.sin(angle)), y = view.y(range * Math.cos(angle));
-    return [...context.getImageData(Math.round(x), Math.round(y), 1, 1).data.slice(0, 3)];
-  });
-}"""
 
 
 def show(page: Page, served: Served, *sensors: dict[str, Any]) -> None:
     """Another scene, of which nothing but the cover of sensors is drawn."""
     scene = testing.scene([*sensors], seed=1)
     generation = page.evaluate("plotfeed.picture.news.generation")
-    served.call(lambda: served.server._view.scene(scene))
+    served.view.scene(scene)
     until(page, f"plotfeed.picture.news.generation > {generation} && plotfeed.display.isFitted")
     drawn(page)
 
@@ -418,16 +368,15 @@ def show(page: Page, served: Served, *sensors: dict[str, Any]) -> None:
 def covered(page: Page, step_deg: float) -> list[float]:
     """Directions in which anything is drawn over the bare ground, halfway between steps."""
     drawn(page)
-    azimuths = np.arange(0.5, 360.0, step_deg).tolist()
-    colours = page.evaluate(COLOURS, [azimuths, 1500.0])
-    found = zip(azimuths, colours, strict=True)
-    return [azimuth - 0.5 for azimuth, colour in found if colour != SEA.tolist()]
+    azimuths = np.radians(np.arange(0.5, 360.0, step_deg))
+    places = 1500.0 * np.stack([np.sin(azimuths), np.cos(azimuths)], axis=-1)
+    is_bare = (np.array(page.evaluate(COLOURS, places.tolist())) == SEA).all(axis=1)
+    return (np.flatnonzero(~is_bare) * step_deg).tolist()
 
 
 def test_lenses_beams_and_jammers_are_drawn_where_they_are_and_sensors_named(
     page: Page, served: Served
 ) -> None:
-    view = served.server._view
     for layer in ("Sweep", "Labels", "Map"):
         page.get_by_role("checkbox", name=layer).uncheck()
     page.get_by_label("Grid").select_option("none")
@@ -438,26 +387,24 @@ def test_lenses_beams_and_jammers_are_drawn_where_they_are_and_sensors_named(
     look: dict[str, Any] = {"tilt_deg": 3.0, "span_deg": 14.0, "sees": True, "cued_by": "rf"}
     for pan_deg in (60.0, 120.0):
         at = look | {"pan_deg": pan_deg, "from_deg": pan_deg - 7.0, "aim_deg": pan_deg}
-        served.call(lambda: view.pointing({"camera": at}))  # noqa: B023 - at once
+        served.view.pointing({"camera": at})
         until(page, f"plotfeed.picture.news.pointing.camera?.pan_deg === {pan_deg}")
         assert covered(page, 5) == [pan_deg - 5, pan_deg, pan_deg + 5]
         assert f"Points to {pan_deg:.1f}°" in page.locator("#sensor-words").inner_text()
     assert "plots of rf" in page.locator("#sensor-words").inner_text()
     beams = {"width_deg": 4.0, "search_deg": [10.0, 14.0], "tracks_deg": [200.0]}
-    served.call(lambda: view.pointing({"camera": beams}))
+    served.view.pointing({"camera": beams})
     until(page, "plotfeed.picture.news.pointing.camera?.search_deg?.length === 2")
     assert covered(page, 2) == [8, 10, 12, 14, 198, 200]
     radar = testing.radar(range_max_m=3000.0)
     show(page, served, radar)
     page.get_by_role("checkbox", name="Labels").check()
     words = f"{WORDS}.filter((w) => w.includes('jammer')).join()"
-    azimuth_deg = float(np.degrees(np.arctan2(JAMMER["east_m"], JAMMER["north_m"])))
-    range_m = float(np.hypot(JAMMER["east_m"], JAMMER["north_m"]))
     for jamming, told in (({"jamming": {"east": JAMMER}}, "jammer east: radar"), ({}, "")):
         (sensor,) = testing.scene([radar | jamming], seed=1).sensor
-        served.call(lambda: view.settings(sensor, 0))  # noqa: B023 - at once
+        served.view.settings(sensor, 0)
         until(page, f"{words} === '{told}'")
-        ((red, _, _),) = page.evaluate(COLOURS, [[azimuth_deg], range_m])
+        ((red, _, _),) = page.evaluate(COLOURS, [[JAMMER["east_m"], JAMMER["north_m"]]])
         assert (red > 200) == bool(told)
     # Sensors that stand together are all named, and no words lie over others.
     places = [[10.0 * i, 0.0, 5.0] for i in range(9)]
@@ -467,52 +414,37 @@ def test_lenses_beams_and_jammers_are_drawn_where_they_are_and_sensors_named(
     assert not page.evaluate(WORDS_OVER_WORDS)
 
 
-def reports(times_ns: list[int], track: int, flags: int = 0, name: str = "") -> list[ToldTrack]:
+def reports(times_ns: list[int], track: int, **more: Any) -> list[ToldTrack]:
     """Of a track that flies east, one a time."""
-    return [
-        ToldTrack(
-            name=name or str(track),
-            t_utc_ns=t_utc_ns,
-            latitude_deg=testing.SITE.latitude_deg + 0.01 * (track - 90),
-            longitude_deg=testing.SITE.longitude_deg,
-            height_m=testing.SITE.height_m,
-            velocity_enu_m_s=(20.0, 0.0, 0.0),
-            coasted=bool(flags & TrackFlag.COASTED),
-            ended=bool(flags & TrackFlag.ENDED),
-        )
-        for t_utc_ns in times_ns
-    ]
+    place = {"longitude_deg": testing.SITE.longitude_deg, "height_m": testing.SITE.height_m}
+    place["latitude_deg"] = testing.SITE.latitude_deg + 0.01 * (track - 90)
+    told = {"name": str(track), "velocity_enu_m_s": (20.0, 0.0, 0.0), **place, **more}
+    return [ToldTrack(t_utc_ns=t_utc_ns, **told) for t_utc_ns in times_ns]
 
 
 def test_a_track_that_is_not_updated_is_drawn_as_such_with_its_age_until_it_is_heard_of_again(
-    page: Page, served: Served
+    page: Page, stage: MadeUpSession, served: Served
 ) -> None:
-    view, ago_s = served.server._view, 20
-    now_ns = served.call(served.server._now_utc_ns)
+    ago_s, now_ns = 20, stage.now_ns
     often = [now_ns - s * NS for s in (4, 3, 2, 1)]
-    told = [
+    for told in (
         reports([t_ns - ago_s * NS for t_ns in often], 91),
         reports(often, 92),
-        reports(often, 93, TrackFlag.COASTED),
         reports(often, 94),
-        reports([now_ns], 94, TrackFlag.ENDED),
+        reports([now_ns], 94, ended=True),
         reports(often, 89, name="<b>9th of the north-western gate"),
-    ]
-    served.call(lambda: [view.tracks(each) for each in told])
+        reports(often, 93, coasted=True),
+    ):
+        served.view.tracks(told)
     until(page, "plotfeed.picture.tracks.has(93)")
     page.get_by_role("button", name="Table").click()
     page.get_by_label("Kind").select_option("tracks")
     page.get_by_label("Filter").fill("9")
-    cells = (
-        "[...document.querySelectorAll('#table-body tr')].map((r) => [r.cells[0].innerText,"
-        " r.cells[6].innerText])"
-    )
-    until(page, f"{cells}.length >= 4")
-    states = dict(page.evaluate(cells))
+    until(page, "document.getElementById('table-body').rows.length >= 4")
+    states = dict(zip(column(page, 1), column(page, 7), strict=True))
     assert states["91"] == "not updated, was confirmed"
-    assert states["92"] == "confirmed"
+    assert states["92"] == states["<b>9th of the north-western gate"] == "confirmed"
     assert states["93"] == "coasted"
-    assert states["<b>9th of the north-western gate"] == "confirmed"
     assert "94" not in states
     for word in (f"T91 {ago_s + 1} s", "T92", "<b>9th of the north-"):
         until(page, f"{WORDS}.includes('{word}')")
@@ -521,7 +453,7 @@ def test_a_track_that_is_not_updated_is_drawn_as_such_with_its_age_until_it_is_h
     assert f"{ago_s + 1}.0 s ago" in page.locator("#card").inner_text()
     # 20 m/s for 21 s would be 420 m: it is where it was told last, north of the site.
     assert "0.0°" in page.locator("#card").inner_text()
-    served.call(lambda: view.tracks(reports([now_ns], 91)))
+    served.view.tracks(reports([now_ns], 91))
     until(page, f"{WORDS}.includes('T91') && !{WORDS}.some((w) => w.startsWith('T91 '))")
 
 
@@ -562,48 +494,41 @@ def test_what_is_looked_at_is_in_the_address_and_kept_on_reload_and_so_is_the_th
         assert_same(other)
 
 
-@pytest.fixture
-def touched(browser: Browser, served: Served) -> Iterator[tuple[Page, Any]]:
+def test_two_fingers_zoom_and_one_moves_the_display(browser: Browser, served: Served) -> None:
     with looking(browser, served.url, has_touch=True) as page:
         box = page.locator("#display").bounding_box()
         assert box
         session = page.context.new_cdp_session(page)
 
-        def touch(kind: str, *points: tuple[float, float]) -> None:
-            places = [
-                {"x": box["x"] + x, "y": box["y"] + y, "id": i} for i, (x, y) in enumerate(points)
-            ]
-            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+        def touch(kind: str, *east_px: float) -> None:
+            """Fingers that far from the left of the display, at one height."""
+            y = box["y"] + 300
+            points = [{"x": box["x"] + x, "y": y, "id": i} for i, x in enumerate(east_px)]
+            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
-        yield page, touch
-
-
-def test_two_fingers_zoom_and_one_moves_the_display(touched: tuple[Page, Any]) -> None:
-    page, touch = touched
-    middle = "[plotfeed.display.view.eastAt(400), plotfeed.display.view.northAt(300)]"
-    before, at = page.evaluate(VIEW), page.evaluate(middle)
-    touch("touchStart", (350, 300))
-    touch("touchStart", (350, 300), (450, 300))
-    for k in range(1, 6):
-        touch("touchMove", (350 - 10 * k, 300), (450 + 10 * k, 300))
-    touch("touchEnd")
-    until(page, f"plotfeed.display.view.scale < {before['scale'] * 0.51}")
-    assert page.evaluate(VIEW)["scale"] == pytest.approx(before["scale"] / 2, rel=1e-6)
-    assert page.evaluate(middle) == pytest.approx(at, abs=before["scale"])
-    before = page.evaluate(VIEW)
-    touch("touchStart", (300, 300))
-    for k in range(1, 6):
-        touch("touchMove", (300 + 20 * k, 300))
-    touch("touchEnd")
-    until(page, f"plotfeed.display.view.east < {before['east'] - 90 * before['scale']}")
-    assert page.evaluate(VIEW)["scale"] == before["scale"]
+        middle = "[plotfeed.display.view.eastAt(400), plotfeed.display.view.northAt(300)]"
+        before, at = page.evaluate(VIEW), page.evaluate(middle)
+        touch("touchStart", 350)
+        touch("touchStart", 350, 450)
+        for px in range(10, 60, 10):
+            touch("touchMove", 350 - px, 450 + px)
+        touch("touchEnd")
+        until(page, f"plotfeed.display.view.scale < {before['scale'] * 0.51}")
+        assert page.evaluate(VIEW)["scale"] == pytest.approx(before["scale"] / 2, rel=1e-6)
+        assert page.evaluate(middle) == pytest.approx(at, abs=before["scale"])
+        before = page.evaluate(VIEW)
+        touch("touchStart", 300)
+        for px in range(20, 120, 20):
+            touch("touchMove", 300 + px)
+        touch("touchEnd")
+        until(page, f"plotfeed.display.view.east < {before['east'] - 90 * before['scale']}")
+        assert page.evaluate(VIEW)["scale"] == before["scale"]
 
 
 SIZES = ((360, 740), (960, 640), (1280, 720), (1920, 1080), (2560, 1440))
 # Of windows in which the picture has two thirds.
 ON_A_DESK = ((1280, 720), (1920, 1080), (2560, 1440))
 SCROLLS_BELOW_PX = 860  # A narrower window has everything one below the other, and the page scrolls
-TWO_THIRDS = 2 / 3
 CUT_OFF = """() => {
   const found = [], without = ".hidden, .skip, svg, .file input";
   const shown = (e) => e.checkVisibility() && !e.closest(without);
@@ -702,16 +627,15 @@ def test_nothing_is_cut_off_or_covered_and_nothing_jumps_while_the_page_is_used(
         at = f"at {width} x {height}"
         assert not page.evaluate(CUT_OFF), at
         assert not page.evaluate(WORDS_OVER_WORDS), at
-        scrolls = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-        wide, high = page.evaluate(scrolls)
-        assert wide == width
+        root = "document.documentElement"
+        assert page.evaluate(f"{root}.scrollWidth") == width
         if width >= SCROLLS_BELOW_PX:
-            assert high == height
+            assert page.evaluate(f"{root}.scrollHeight") == height
         assert not page.evaluate(COVERED), at
         if (width, height) in ON_A_DESK:
             box = page.locator("#display").bounding_box()
             assert box
-            assert box["width"] * box["height"] >= TWO_THIRDS * width * height, at
+            assert 3 * box["width"] * box["height"] >= 2 * width * height, at
     page.evaluate("for (const second of plotfeed.picture.seconds) second.lost = 1e6")
     assert not page.evaluate(BESIDE_THE_CHART)
 
@@ -757,7 +681,7 @@ def test_no_rule_of_accessibility_is_broken_with_all_that_can_be_opened(
         for key in ("b", "h", "r", "t", "?", "n"):
             display(page).press(key)
         page.get_by_text("Plot of").wait_for()
-        served.call(lambda: served.server._view.tell(refusal="telemetry/x: it was no telemetry"))
+        served.view.tell(refusal="telemetry/x: it was no telemetry")
         page.get_by_text("Last refused").wait_for()
         page.get_by_role("button", name="Connect here").first.click()
         page.get_by_role("button", name="Audience").click()
@@ -845,6 +769,6 @@ def test_one_looks_back_at_what_there_was_and_at_marks_while_the_session_goes_on
     wait_for_command(page, stage, {"story": "outage", "reset": True})
     page.get_by_role("button", name="Undo").click()
     wait_for_command(page, stage, {"undo": True})
-    served.call(lambda: served.server._view.scene(stage.scene))  # another scene has no past
+    served.view.scene(stage.scene)  # another scene has no past
     page.locator("#back-text").get_by_text("Now", exact=True).wait_for()
     assert page.evaluate("plotfeed.display.picture === plotfeed.picture")

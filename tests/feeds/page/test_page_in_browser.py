@@ -39,9 +39,8 @@ def fill(page: Page, **fields: str) -> None:
 
 def tell_keys(served: Served, **keys: Any) -> None:
     """Keys of the radar that are in force, whoever asked for them."""
-    view = served.server._view
-    settings = {**view._news["settings"], "radar": keys}
-    served.call(lambda: view.tell(settings=settings))
+    settings = {**served.server._view._news["settings"], "radar": keys}
+    served.view.tell(settings=settings)
 
 
 FORM_COMMANDS: list[tuple[dict[str, str], dict[str, Any]]] = [
@@ -220,26 +219,24 @@ def test_each_button_says_what_it_says_and_one_time_line_serves_recordings_too(
 def test_what_is_not_allowed_is_disabled_and_said_and_so_is_a_speed_that_is_not_reached(
     page: Page, served: Served
 ) -> None:
-    view, why = served.server._view, "A replay is not changed."
+    why = "A replay is not changed."
     refuses = dict.fromkeys(("sensor", "record", "step"), why)
-    served.call(lambda: view.session({"refuses": refuses, "notes": ["Times are recorded."]}))
+    served.view.session({"refuses": refuses, "notes": ["Times are recorded."]})
     page.get_by_text(f"Times are recorded. {why}").wait_for()
     assert page.evaluate("document.getElementById('sensor-form').inert")
     assert page.get_by_role("button", name="Record").is_disabled()
     assert clock_button(page, "Go on").is_enabled()
-    served.call(lambda: view.session({"refuses": {}, "notes": []}))
+    served.view.session({"refuses": {}, "notes": []})
     until(page, "!document.getElementById('sensor-form').inert")
     why = "Real time cannot be held."
-    refuses = dict.fromkeys(("pause", "step", "speed"), why)
-    served.call(lambda: view.session({"refuses": refuses}))
+    served.view.session({"refuses": dict.fromkeys(("pause", "step", "speed"), why)})
     page.get_by_text(why).wait_for()
     for name in ("Go on", "Step 1 s"):
         assert clock_button(page, name).is_disabled()
     assert page.get_by_label("Speed").is_disabled()
     assert page.get_by_role("button", name="Restart").is_enabled()
     for reached, told in ((5.93, "reaches × 5.9"), (9.99, "")):
-        counters = SessionCounters(speed=10.0, speed_reached=reached)
-        served.call(lambda: view.totals(counters))  # noqa: B023 - at once
+        served.view.totals(SessionCounters(speed=10.0, speed_reached=reached))
         until(page, f"document.getElementById('reached').textContent === '{told}'")
 
 
@@ -300,9 +297,9 @@ def score(second: int, *feed: dict[str, Any]) -> dict[str, Any]:
 def test_the_score_is_shown_with_the_truth_alone_and_a_fleet_where_it_is_told_of(
     page: Page, served: Served
 ) -> None:
-    view, card = served.server._view, page.locator('[data-card="score"]')
-    fleet, truth = page.locator('[data-card="fleet"]'), page.get_by_role("button", name="Truth")
-    served.call(lambda: view.score(score(1)))
+    card, fleet = (page.locator(f"[data-card={name}]") for name in ("score", "fleet"))
+    truth = page.get_by_role("button", name="Truth")
+    served.view.score(score(1))
     frames = page.evaluate("plotfeed.picture.framesTaken")
     until(page, f"plotfeed.picture.framesTaken > {frames + 3}")
     assert not card.is_visible()
@@ -313,12 +310,12 @@ def test_the_score_is_shown_with_the_truth_alone_and_a_fleet_where_it_is_told_of
     for told in ("12.3 m", "75 %", "25 %", "5.6 m", "0.04 s", "3 reports of tracks left out"):
         assert told in words
     assert "nothing to judge yet" in words
-    served.call(lambda: view.score(score(2, AZIMUTH)))
+    served.view.score(score(2, AZIMUTH))
     told = "Feed differs from its claims: radar-3: azimuth 2.01 deg"
     until(page, f"document.getElementById('score-feed').textContent === '{told}'")
     unheard = dict.fromkeys(FIGURES)
     silent = {"reports": 0, "tracks": 0, "unreadable": 0, "now": unheard, "window": unheard}
-    served.call(lambda: view.score(score(3) | silent))
+    served.view.score(score(3) | silent)
     until(page, "document.getElementById('score-values').hidden")
     words = card.inner_text()
     assert "No tracks have come on tracker/tracks" in words
@@ -331,8 +328,7 @@ def test_the_score_is_shown_with_the_truth_alone_and_a_fleet_where_it_is_told_of
     row = {"sensors": ["a", "b", "c", "d"], "state": "RUNNING", "worker": "host:7", "claim": 2}
     told_of = {"part": "0-0", "age_s": 0.34, "lateness_p99_us": 1200.0} | row
     gaps = ["nothing of part 0-0: 0.50 s, since host:6 died"]
-    news = {"parts": [told_of], "takeovers": 1, "gaps": 1, "last_gaps": gaps}
-    served.call(lambda: view.tell(fleet=news))
+    served.view.tell(fleet={"parts": [told_of], "takeovers": 1, "gaps": 1, "last_gaps": gaps})
     until(page, "document.getElementById('fleet-rows').checkVisibility()")
     line = "0-0.2 RUNNING host:7: a, b and 2 more; heard 0.3 s ago, late by 1.20 ms (p99)"
     for said in ("Parts 1, take-overs 1", line, *gaps):
@@ -374,7 +370,7 @@ def test_two_browsers_see_the_same_and_what_either_changes_and_may_save_the_pict
         assert other.evaluate("plotfeed.picture.drones") is None
     until(page, "document.getElementById('total-plots').textContent !== '0'")
     assert page.locator("#total-drones").inner_text() == "16"
-    served.call(lambda: served.server._view.tell(refusal="plotfeed/telemetry/x: missing: time_utc"))
+    served.view.tell(refusal="plotfeed/telemetry/x: missing: time_utc")
     page.get_by_text("Last refused: plotfeed/telemetry/x: missing: time_utc").wait_for()
     with page.expect_download() as saving:
         press(page, "PNG")
@@ -386,26 +382,6 @@ def test_two_browsers_see_the_same_and_what_either_changes_and_may_save_the_pict
     wide, high = page.evaluate(canvas)
     assert width == wide
     assert high < height < high + 100
-
-
-def test_a_link_with_its_token_works_from_another_site(
-    browser: Browser, stage: MadeUpSession
-) -> None:
-    """As from a mail or a wiki: the cookie comes along when the browser is sent on."""
-    token = "from-a-wiki-page-1"  # noqa: S105 - for this test alone
-    with on_stage(stage, address=PageAddress(WIDE, 0), tokens=Tokens(token)) as served:
-        context = new_context(browser)
-        page = context.new_page()
-        link = f"http://127.0.0.1:{served.port}/?token={token}"
-        body = f'<a href="{link}">the field day</a>'
-        page.route(
-            "http://wiki.example/", lambda route: route.fulfill(content_type="text/html", body=body)
-        )
-        page.goto("http://wiki.example/")
-        page.get_by_role("link").click()
-        until(page, "globalThis.plotfeed?.picture.plots.end > 0")
-        assert token not in page.url
-        context.close()
 
 
 def test_a_lost_connection_is_said_and_comes_back_by_itself_and_an_old_token_is_said(
@@ -453,7 +429,7 @@ def test_no_request_leaves_for_anybody_else(browser: Browser, served: Served) ->
     page.get_by_text("In force.").wait_for()
     basemap = Basemap("application/json", b'{"lines": [], "areas": [], "points": []}')
     scene = testing.scene([testing.radar(id="north")], seed=1)
-    served.call(lambda: served.server._view.scene(scene, basemap))
+    served.view.scene(scene, basemap)
     page.get_by_role("heading", name="north: settings").wait_for()
     host = f"127.0.0.1:{served.port}"
     wait_beside(page, lambda: any(url.startswith(f"http://{host}/basemap") for url in asked))

@@ -153,7 +153,7 @@ def test_a_viewer_gets_a_snapshot_and_then_updates_with_details_of_what_anybody_
         other.close()
         assert any(f.news.get("details", {}).keys() == {"radar"} for f in frames(one))
         scene = testing.scene([testing.radar(id="new")], seed=1)
-        page.call(lambda: page.server._view.scene(scene))
+        page.view.scene(scene)
         frame = next(f for f in frames(one) if "scene" in f.news)
         assert frame.is_snapshot
         assert [sensor["id"] for sensor in frame.news["scene"]["sensors"]] == ["new"]
@@ -173,7 +173,7 @@ def knows_the_truth(frame: Frame) -> bool:
 def test_the_truth_is_sent_to_the_presenter_who_asks_and_to_an_audience_that_is_given_it(
     page: Served,
 ) -> None:
-    page.call(lambda: page.server._view.tell(refusal="plotfeed/telemetry/secret: no telemetry"))
+    page.view.tell(refusal="plotfeed/telemetry/secret: no telemetry")
     with page.feed(path=AUDIENCE) as feed, page.feed() as presenter, page.feed() as plain:
         refused = look(feed, truth=True, watch=["radar"])
         assert refused["ok"] is False
