@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,12 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from support.links import link
-from support.significance import assert_chance
 
-from plotfeed import testing
 from plotfeed.feeds.link.delays import DelayLaw
-from plotfeed.feeds.link.losses import chain_of
-from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.strips import (
     BINS,
     LOSSES_KEPT,
@@ -22,9 +19,6 @@ from plotfeed.feeds.page.strips import (
     looks_summary,
     new_looks,
 )
-from plotfeed.feeds.page.view import View
-from plotfeed.models.beam import Sector
-from plotfeed.models.state import Looks
 
 RANDOM = {"kind": "random", "probability": 0.1}
 BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}
@@ -95,62 +89,33 @@ def test_delivered_and_asked_share_their_bins() -> None:
     assert nothing["mean_ms"] is nothing["asked_mean_ms"] is nothing["mean_burst"] is None
 
 
-OFTEN = 400
+def rarely(count: int, of: int, chance: float) -> bool:
+    """Whether so many of independent trials hardly come by chance."""
+    law = stats.binom(of, chance)
+    return bool(2 * min(law.cdf(count), law.sf(count - 1)) < OFF_BELOW)
 
 
-def test_a_strip_calls_what_is_right_off_as_seldom_as_it_says() -> None:
-    rng, losses_off, looks_off = np.random.default_rng(12), 0, 0
-    for keys in (RANDOM, BURSTS):
-        asked = link(latency_ms=50.0, loss=keys)
-        chain = chain_of(asked.loss)
-        for _ in range(OFTEN):
-            record = LinkRecord()
-            record.begin(asked)
-            state = int(rng.choice(len(chain.stationary), p=chain.stationary))
-            for number in range(300):
-                state = int(rng.random() > chain.steps[state][0])
-                if rng.random() < chain.emissions[state]:
-                    record.lost(number, 0)
-                else:
-                    record.sent(0, 50, duplicate=False)
-            losses_off += record.summary()["loss_off"]
-            looks, pd = new_looks(2500.0), rng.random(200)
-            looks.add(rng.uniform(0, 2500, 200), pd, rng.random(200) < pd)
-            looks_off += looks_summary(looks)["off"]
-    for off in (losses_off, looks_off):
-        assert_chance(float(stats.binom.sf(off - 1, 2 * OFTEN, OFF_BELOW)), f"{off} off")
-
-
-def test_a_strip_says_what_is_off() -> None:
-    looks = new_looks(2500.0)
-    looks.add([500.0] * 200, [0.9] * 200, [True] * 120 + [False] * 80)
-    assert looks_summary(looks)["off"]
+def loss_is_off(lost: int, loss: dict[str, Any] | None) -> bool:
+    """What a strip says of so many lost of 300, between outages that take a message each."""
     record = LinkRecord()
-    record.begin(link(latency_ms=50.0, loss=RANDOM))
+    record.begin(link(latency_ms=50.0, loss=loss))
     for number in range(300):
-        record.sent(0, 50, duplicate=False)
-        record.lost(1000 + number, 0, by_chain=False)  # by an outage: of no weight, so none is lost
-    assert record.summary()["loss_off"]
-    clear = LinkRecord()
-    clear.begin(link(latency_ms=50.0))
-    clear.sent(0, 50, duplicate=False)
-    assert not clear.summary()["loss_off"]
-    clear.lost(1, 0)
-    assert clear.summary()["loss_off"]
+        record.lost(1000 + number, 0, by_chain=False)  # of no weight
+        if number < lost:
+            record.lost(number, 0)
+        else:
+            record.sent(0, 50, duplicate=False)
+    return bool(record.summary()["loss_off"])
 
 
-def test_looks_that_merge_count_once() -> None:
-    both = Looks.none().but(
-        **{name: np.zeros(2, np.int64) for name in ("drone", "channel", "t_utc_ns")},
-        **{name: np.full(2, 500.0) for name in ("range_m", "azimuth_deg", "elevation_deg")},
-        snr=np.ones(2),
-        pd=np.full(2, 0.5),
-        detected=np.ones(2, np.bool_),
-    )
-    for keys, expected in (({"merging": {}}, 1), ({}, 2)):
-        view, scene = View(), testing.scene([testing.radar(**keys)], seed=1)
-        view.scene(scene)
-        view.settings(scene.sensor[0], 0)
-        sector = Sector(0, 0, 0, 1, 0.0, 360.0)
-        view.settled(Batch.of_one(sector, looks=both, sensors=["radar"]), [])
-        assert sum(looks_summary(view._looks[0])["looks"]) == expected
+def test_a_strip_calls_off_what_hardly_comes_by_chance() -> None:
+    for lost in range(80):
+        assert loss_is_off(lost, RANDOM) == rarely(lost, 300, 0.1)
+    assert loss_is_off(60, RANDOM)
+    assert not loss_is_off(60, BURSTS)  # where losses come in bursts, their number varies more
+    assert loss_is_off(120, BURSTS)
+    assert [loss_is_off(lost, None) for lost in (0, 1)] == [False, True]
+    for detected in range(150, 201):
+        looks = new_looks(2500.0)
+        looks.add([500.0] * 200, [0.9] * 200, [True] * detected + [False] * (200 - detected))
+        assert looks_summary(looks)["off"] == rarely(detected, 200, 0.9)

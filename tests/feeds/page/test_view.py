@@ -48,19 +48,22 @@ def plots(n: int, **columns: Any) -> Plots:
     return Plots.of(**(given | columns))
 
 
-def report(found: Plots, sensor: str = "radar", looks: Looks | None = None) -> Batch:
-    return Batch.of_one(SECTOR, found, looks or Looks.none(), sensors=[sensor])
+def looks(range_m: Any, pd: Any, detected: Any) -> Looks:
+    """At one drone, by one signal."""
+    zeros = dict.fromkeys(("drone", "channel", "t_utc_ns"), np.zeros(len(pd), np.int64))
+    ones = dict.fromkeys(("azimuth_deg", "elevation_deg", "snr"), np.ones(len(pd)))
+    of_these = {"pd": np.array(pd), "detected": np.array(detected)}
+    return Looks.none().but(**zeros, **ones, range_m=np.full(len(pd), range_m), **of_these)
+
+
+def report(found: Plots, sensor: str = "radar", seen: Looks | None = None) -> Batch:
+    return Batch.of_one(SECTOR, found, seen or Looks.none(), sensors=[sensor])
 
 
 def sent(topic: str = "plotfeed/radar/plots", **changes: Any) -> pb.Sent:
-    given: dict[str, Any] = {
-        "topic": topic,
-        "due_utc_ns": SECTOR.end_ns,
-        "link_due_utc_ns": SECTOR.end_ns,
-        "sent_utc_ns": SECTOR.end_ns + 250_000_000,
-        "delivered": True,
-    }
-    return pb.Sent(**(given | changes))
+    due = dict.fromkeys(("due_utc_ns", "link_due_utc_ns"), SECTOR.end_ns)
+    left = {"sent_utc_ns": SECTOR.end_ns + 250_000_000, "delivered": True}
+    return pb.Sent(topic=topic, **(due | left | changes))
 
 
 def lost(**changes: Any) -> pb.Sent:
@@ -175,7 +178,7 @@ def test_plots_are_delivered_by_the_first_message_that_brings_them_or_seen_with_
     assert updated(view).column(SectionKind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
 
 
-def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
+def test_a_snapshot_has_what_updates_had_is_bounded_and_forgets_what_has_faded() -> None:
     view = view_of_radar()
     numbers = []
     for second in range(100):
@@ -189,14 +192,10 @@ def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
     assert [s.first for s in public.of(SectionKind.PLOTS)] == numbers[-61:]
     assert [s.first for s in everything.of(SectionKind.PLOT_TRUTHS)] == numbers[-61:]
     assert len(public.news["seconds"]) == 99
-
-
-def test_a_snapshot_is_bounded_whatever_is_reported() -> None:
-    view = view_of_radar()
     for _ in range(60):
         view.settled(report(plots(1000)), [sent()])
-        view.update(testing.START_NS, 0.0)
-    shown = read_frame(view.snapshot(testing.START_NS).public)
+        view.update(now_ns, 100.0)
+    shown = read_frame(view.snapshot(now_ns).public)
     assert MAX_KEPT - 1000 <= len(shown.column(SectionKind.PLOTS, "sensor")) <= MAX_KEPT
 
 
@@ -207,8 +206,7 @@ def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     view.scene(testing.scene([testing.radar(id="other")], seed=1))
     update = view.update(testing.START_NS, 0.0)
     frame = read_frame(update.public)
-    assert update.is_snapshot
-    assert frame.is_snapshot
+    assert update.is_snapshot is frame.is_snapshot is True
     assert not frame.of(SectionKind.PLOTS)
     assert [s["id"] for s in frame.news["scene"]["sensors"]] == ["other"]
     assert not view.update(testing.START_NS, 0.0).is_snapshot
@@ -240,20 +238,15 @@ def test_news_are_told_once_and_again_in_every_snapshot_and_are_json() -> None:
     assert "Infinity" not in text
 
 
-def test_detections_are_counted_by_range_beside_what_their_odds_predict() -> None:
+def test_detections_are_counted_by_range_beside_what_their_odds_predict_and_once_if_merged() -> (
+    None
+):
     view = view_of_radar(range_max_m=2500.0)
-    looks = Looks(
-        drone=np.zeros(12, np.int64),
-        channel=np.zeros(12, np.int64),
-        t_utc_ns=np.full(12, testing.START_NS),
-        range_m=np.repeat([50.0, 150.0, 2499.0], 4),
-        azimuth_deg=np.zeros(12),
-        elevation_deg=np.zeros(12),
-        snr=np.ones(12),
-        pd=np.array([0.9, 0.5, 0.9, 0.5, *[0.75] * 4, *[0.25] * 4]),
-        detected=np.arange(12) % 4 != 0,
+    ranges_m, pd = (
+        np.repeat([50.0, 150.0, 2499.0], 4),
+        [0.9, 0.5, 0.9, 0.5, *[0.75] * 4, *[0.25] * 4],
     )
-    view.settled(report(plots(0), looks=looks), [])
+    view.settled(report(plots(0), seen=looks(ranges_m, pd, np.arange(12) % 4 != 0)), [])
     found = details(view)["detections"]
     assert found["width_m"] == 100.0
     columns = [found[name] for name in ("looks", "detected", "expected", "variance")]
@@ -264,6 +257,10 @@ def test_detections_are_counted_by_range_beside_what_their_odds_predict() -> Non
     for keys, kept in (({"link": {"latency_ms": 5.0}}, 12), ({"pfa": 1e-5}, 0)):
         view.settings(a_radar(range_max_m=2500.0, **keys), 0)
         assert sum(details(view)["detections"]["looks"]) == kept
+    for merging, counted in (({"merging": {}}, 1), ({}, 2)):
+        view = view_of_radar(**merging)
+        view.settled(report(plots(0), seen=looks(500.0, [0.5, 0.5], [True, True])), [])
+        assert sum(details(view)["detections"]["looks"]) == counted
 
 
 def test_links_are_judged_since_their_settings_changed() -> None:
