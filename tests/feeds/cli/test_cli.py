@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import socket
@@ -15,12 +16,12 @@ from pathlib import Path
 
 import pytest
 from support.brokers import deaf_server, free_port
-from support.command import PLOTFEED, Started, plotfeed, plotfeed_here, running, started
-from support.recordings import block_048
+from support.command import PLOTFEED, Started, plotfeed, plotfeed_here, running
+from support.recordings import block_048, plots, written
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.replay.mcap import McapWriter
 from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
@@ -82,7 +83,7 @@ def test_wrong_use_is_exit_code_2_and_says_what_is_wrong() -> None:
         assert "secret" not in done.stderr
 
 
-def test_what_is_not_there_or_no_scene_is_one_line_each(tmp_path: Path) -> None:
+def test_what_is_not_there_or_unreadable_is_one_line_each(tmp_path: Path) -> None:
     absent = tmp_path / "absent.csv"
     for verb, where in (
         *((verb, absent) for verb in ("run", "check", "inject", "show")),
@@ -100,17 +101,6 @@ def test_what_is_not_there_or_no_scene_is_one_line_each(tmp_path: Path) -> None:
         done = plotfeed_here("show", absent)
         assert done.returncode == 2
         assert str(absent) in done.stderr
-    scene = scene_file(tmp_path, scene_text().replace("power_w", "powr_w"))
-    for verb in ("run", "check"):
-        done = plotfeed_here(verb, scene)
-        assert (done.returncode, done.stdout) == (2, "")
-        text = scene.read_text().split("\n")
-        table, key = text.index("[[sensor]]") + 1, text.index("powr_w = 500.0") + 1
-        assert done.stderr.splitlines() == [
-            f"plotfeed: {scene}: line {table}: sensor[0].power_w of 'radar': missing",
-            f"plotfeed: {scene}: line {key}: sensor[0].powr_w of 'radar': no such key; "
-            "did you mean power_w?",
-        ]
 
 
 def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
@@ -142,82 +132,95 @@ def test_a_signal_is_a_clean_end(how: signal.Signals, code: int, tmp_path: Path)
     assert out.startswith("drones 1 ")
 
 
+def ended(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """As a user starts it, with what that takes."""
+    return subprocess.run(
+        list(map(str, words)),
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
 def test_a_signal_while_it_starts_is_no_traceback(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST))
     for delay_s in (0.0, 0.3):
         process = subprocess.Popen(
-            [*PLOTFEED, "run", str(scene)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
+            [*PLOTFEED, "run", str(scene)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
         time.sleep(delay_s)
         process.terminate()
         _, err = process.communicate(timeout=PATIENCE_S)
-        assert "Traceback" not in err
+        assert b"Traceback" not in err
+    for module in ("click", "numpy"):  # Ctrl-C while it is imported
+        path = tmp_path / f"{module}.py"
+        path.write_text("raise KeyboardInterrupt")
+        done = ended(*PLOTFEED, "demo", "--duration", "1", PYTHONPATH=str(tmp_path))
+        assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "")
+        path.unlink()
 
 
-def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text())
-    text = plotfeed_here("check", scene)
-    assert text.returncode == 0
-    assert "radar (active_radar, SAC 0 SIC 1)" in text.stdout
-    found = json.loads(plotfeed_here("check", scene, "--json").stdout)
-    assert (found["scene"], found["drones"]) == ("test", 1)
-    (sensor,) = found["sensors"]
-    pds = [row["pd"] for row in sensor["table"]]
-    assert all(0 <= pd <= 1 for pd in pds)
-    bigger = json.loads(plotfeed_here("check", scene, "--json", "--rcs-m2", "1.0").stdout)
-    assert bigger["sensors"][0]["table"][-1]["pd"] > pds[-1]
-    # Eight beams of 2 degrees, a turn in half a second: 22.2 ms on a target.
-    for beams, told in ((8, None), (7, "for 0.0194 s of a turn"), (1, "for 0.00278 s of a turn")):
-        more = f"receive_beams = {beams}"
-        fast = radar(more=more).replace("integration_s = 0.01", "integration_s = 0.022")
-        done = plotfeed_here("check", scene_file(tmp_path, scene_text(sensors=fast)))
-        assert ("integration_s is 0.022, but the beam is on a target" in done.stdout) == bool(told)
-        assert told is None or told in done.stdout
+FULL = Path("/dev/full")
 
 
-def recorded(folder: Path, name: str, duration_s: float, scene: Path | None = None) -> Path:
-    """ASTERIX as a session wrote it in simulated time."""
-    scene = scene or scene_file(folder, scene_text(start_utc=START, sensors=FAST))
-    done = plotfeed_here("run", scene, *SIMULATED, duration_s, "--write", folder / name)
-    assert done.returncode == 0, done.stderr
-    return folder / name
-
-
-def test_the_same_scene_gives_the_same_octets_in_simulated_and_in_real_time(tmp_path: Path) -> None:
-    # Turns are long, so that a machine that stalls for a while is late but skips none of them.
-    sensors = radar(period_s=3.0, sectors=60, more="receive_beams = 8")
-    scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=sensors))
-    expected = recorded(tmp_path, "max", 3.0, scene).read_bytes()
-    records, errors = decode_lenient(expected)
-    assert errors == []
-    assert sum(r.category == 34 for r in records) >= 60
-    assert sum(r.category == 48 for r in records) >= 1
-    paths = [tmp_path / "with-broker", tmp_path / "without"]
-    how = ("run", scene, "--duration", 3, "--write")
-    with started(*how, paths[0]) as one, started(*how, paths[1], "--broker", "none") as other:
-        for session, path in zip((one, other), paths, strict=True):
-            session.communicate(PATIENCE_S)
-            assert session.wait() == 0
-            assert path.read_bytes() == expected
-
-
-def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=FAST))
-    done = plotfeed_here("run", scene, *SIMULATED, "60", "--write", "/dev/full")
-    assert done.returncode == 1
-    assert done.stderr == (
-        "plotfeed: /dev/full: No space left on device; what came after is not in the file\n"
-    )
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+def test_a_full_disk_is_told_with_the_name_of_the_file_and_leaves_nothing(tmp_path: Path) -> None:
+    source, target = tmp_path / "in.mcap", tmp_path / "out.jsonl"
+    source.write_bytes(written(McapWriter, plots(1000)))
+    scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    for words, more in (
+        (("convert", source, FULL, "--to", "jsonl"), ""),
+        (("convert", source, FULL, "--to", "mcap"), ""),
+        (("run", scene, *SIMULATED, "1", "--json", "--record", FULL, "--force"), ""),
+        (
+            ("run", scene, *SIMULATED, "60", "--write", FULL),
+            "; what came after is not in the file\n",  # and the session goes on
+        ),
+    ):
+        done = plotfeed_here(*words)
+        assert done.returncode == 1
+        assert f"{FULL}: No space left on device{more}" in done.stderr
     assert done.stdout.splitlines()[-1].startswith("drones 1 ")
+    with FULL.open("w") as full:
+        words = [*PLOTFEED, "schema", "messages"]
+        out = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert out.returncode == 1
+    assert out.stderr == "plotfeed: standard output: No space left on device\n"
+    code = (
+        "import resource, sys\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))\n"
+        "from plotfeed.feeds.cli.main import main\n"
+        "main()"
+    )
+    done = ended(sys.executable, "-c", code, "convert", source, target)
+    assert (done.returncode, done.stderr) == (1, f"plotfeed: {target}: File too large\n")
+    assert not target.exists()
+
+
+def test_without_a_broker_no_topic_is_listed(tmp_path: Path) -> None:
+    done = plotfeed_here("run", scene_file(tmp_path, scene_text()), *SIMULATED, "1")
+    assert "plotfeed/" not in done.stdout
+    assert "  MQTT        none, so no topics" in done.stdout
+
+
+def test_shells_complete_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    for shell in ("bash", "zsh", "fish"):
+        monkeypatch.setenv("COMP_WORDS", "plotfeed re")
+        monkeypatch.setenv("COMP_CWORD", "re" if shell == "fish" else "1")
+        for how, said in (("source", "plotfeed"), ("complete", "record")):
+            monkeypatch.setenv("_PLOTFEED_COMPLETE", f"{shell}_{how}")
+            done = plotfeed_here()
+            assert said in done.stdout
+            assert done.stderr == ""
 
 
 def test_show_ends_quietly_when_nobody_reads_on(tmp_path: Path) -> None:
-    path = recorded(tmp_path, "raw.ast", 60.0)
+    path, scene = tmp_path / "raw.ast", scene_file(tmp_path, scene_text(sensors=FAST))
+    assert plotfeed_here("run", scene, *SIMULATED, "60", "--write", path).returncode == 0
     shown = Started("show", path, "--list")
-    assert shown.stdout.readline().startswith("CAT034")
+    assert shown.stdout.readline().startswith("CAT0")
     shown.stdout.close()
     assert shown.stderr.read() == ""
     shown.stderr.close()
