@@ -263,10 +263,10 @@ def test_show_prints_what_comes_by_udp() -> None:
     assert [line.startswith(start) for line in out.splitlines()] == [True, True]
 
 
-def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
-    flight, scene = tmp_path / "flight.csv", scene_file(tmp_path, scene_text(sensors=FAST))
-    rows = "".join(f"{1767268800 + i},40,-3,9\n" for i in range(5))
-    flight.write_text(f"time,latitude_deg,longitude_deg,altitude_m\n{rows}")
+def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(
+    tmp_path: Path, flight: Path
+) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST))
     nobody = f"mqtt://127.0.0.1:{free_port()}"
     with deaf_server() as port:
         deaf = f"mqtt://127.0.0.1:{port}"

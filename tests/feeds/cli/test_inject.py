@@ -9,6 +9,7 @@ import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -18,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.brokers import free_port, mosquitto
-from support.command import Running, plotfeed, plotfeed_here, running
+from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_text
 from support.vehicles import sending_vehicle
 
@@ -31,7 +32,7 @@ from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
-from plotfeed.testing import MqttReceiver
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 S = 1_000_000_000
 NOWHERE = ("--broker", "mqtt://127.0.0.1:1")
@@ -47,36 +48,34 @@ SRT_BLOCK = """{n}
 [iso: 100] [latitude: 40.460{n}] [longitude: -3.72] [rel_alt: 20.0 abs_alt: 700.0]
 
 """
+REPORT = PositionReport(
+    t_utc_ns=1,
+    latitude_deg=40.01,
+    longitude_deg=3.0,
+    altitude_m=0.0,
+    altitude_reference=AltitudeReference.ABOVE_TAKEOFF,
+    velocity_enu_m_s=(1.0, 2.0, math.nan),
+    velocity_accuracy_m_s=0.5,
+)
 
 
-def flight(*t_s: float) -> Flight:
-    reports = [
-        PositionReport(
-            t_utc_ns=round(t * S),
-            latitude_deg=50.0 + t * 1e-5,
-            longitude_deg=3.0,
-            altitude_m=100.0,
-            altitude_reference=AltitudeReference.ELLIPSOID,
-            velocity_enu_m_s=(1.0, 2.0, math.nan),
-            velocity_accuracy_m_s=0.5,
-        )
-        for t in t_s
-    ]
+def flown(*t_s: float) -> Flight:
+    reports = [replace(REPORT, t_utc_ns=round(t * S), latitude_deg=50 + t * 1e-5) for t in t_s]
     return Flight(name="a", reports=tuple(reports))
 
 
 def test_a_flight_keeps_its_tempo_or_is_shifted_and_hurried_with_its_velocities() -> None:
-    flown = flight(1000.1, 1000.3, 1002.7)
-    assert list(retimed(flown)) == list(flown.reports)
-    due = [r.t_utc_ns for r in retimed(flight(1000, 1001, 1003), start_utc_ns=7 * S)]
+    whole = flown(1000.1, 1000.3, 1002.7)
+    assert list(retimed(whole)) == list(whole.reports)
+    due = [r.t_utc_ns for r in retimed(flown(1000, 1001, 1003), start_utc_ns=7 * S)]
     assert due == [7 * S, 8 * S, 10 * S]
-    sent = list(retimed(flight(1000, 1001, 1003), speed=2.0, start_utc_ns=7 * S))
+    sent = list(retimed(flown(1000, 1001, 1003), speed=2.0, start_utc_ns=7 * S))
     assert [r.t_utc_ns for r in sent] == [7 * S, 7 * S + S // 2, 8 * S + S // 2]
     assert repr(sent[0].velocity_enu_m_s) == "(2.0, 4.0, nan)"
     assert sent[0].velocity_accuracy_m_s == 1.0
     for speed in (0.0, -1.0, math.nan, math.inf, MAX_SPEED + 1):
         with pytest.raises(PlotfeedError, match="speed"):
-            retimed(flight(1.0), speed=speed)
+            retimed(flown(1.0), speed=speed)
 
 
 @given(
@@ -84,7 +83,7 @@ def test_a_flight_keeps_its_tempo_or_is_shifted_and_hurried_with_its_velocities(
     st.floats(0.01, MAX_SPEED),
 )
 def test_reports_stay_in_order(t_s: list[float], speed: float) -> None:
-    sent = list(retimed(flight(*sorted(t_s)), speed=speed, start_utc_ns=S))
+    sent = list(retimed(flown(*sorted(t_s)), speed=speed, start_utc_ns=S))
     assert len(sent) == len(t_s)
     assert all(a.t_utc_ns < b.t_utc_ns for a, b in pairwise(sent))
     assert sent[0].t_utc_ns == S
@@ -108,21 +107,13 @@ WRONG_WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
 )
 
 
-def csv_flight(folder: Path, latitude_deg: float = 40.46) -> Path:
-    path = folder / "flight.csv"
-    rows = [f"{1767268800 + i / 10},{latitude_deg + i * 1e-6},-3.73,700" for i in range(8)]
-    path.write_text("\n".join(["time_s,latitude_deg,longitude_deg,altitude_m", *rows]))
-    return path
-
-
-def test_wrong_words_are_told_before_anything_is_sent(tmp_path: Path) -> None:
+def test_wrong_words_are_told_before_anything_is_sent(flight: Path) -> None:
     for words, says in WRONG_WORDS:
         done = plotfeed_here("inject", *words, *NOWHERE)
         assert done.returncode == 2
         assert says in done.stderr, words
     for name in ("a/b", "a+", "#", "x" * 65, "a\nb"):
-        flown = csv_flight(tmp_path, 40.0)
-        done = plotfeed_here("inject", flown, "--drone", name, *NOWHERE, *ELLIPSOID)
+        done = plotfeed_here("inject", flight, "--drone", name, *NOWHERE, *ELLIPSOID)
         assert done.returncode == 2
         assert "--drone: " in done.stderr
         assert "expected 1 to 64 printable characters" in done.stderr
@@ -148,14 +139,7 @@ async def test_whatever_comes_on_the_topics_is_no_error_and_the_nearest_sensor_i
         place = {"latitude_deg": latitude_deg, "longitude_deg": 3.0, "height_m": 100.0}
         described = {"sensor": name, "range_max_m": range_m, **place}
         answers.hear(f"p/{name}/description", json.dumps(described).encode(), None)
-    report = PositionReport(
-        t_utc_ns=1,
-        latitude_deg=40.01,
-        longitude_deg=3.0,
-        altitude_m=0.0,
-        altitude_reference=AltitudeReference.ABOVE_TAKEOFF,
-    )
-    sensor, near_m, sees_m, hindrance = answers.nearest([report]) or ("", 0.0, 0.0, None)
+    sensor, near_m, sees_m, hindrance = answers.nearest([REPORT]) or ("", 0.0, 0.0, None)
     assert (sensor, sees_m, hindrance) == ("long", 9000.0, None)
     assert near_m == pytest.approx(1110.4, abs=2.0)
 
@@ -164,8 +148,8 @@ Inject = Callable[..., CompletedProcess[str]]
 
 
 @contextmanager
-def session(folder: Path, name: str, **scene: str) -> Iterator[tuple[Running, Inject]]:
-    """One at work, and what injects into it."""
+def session(folder: Path, name: str, **scene: str) -> Iterator[tuple[str, Inject]]:
+    """The address of the broker of one at work, and what injects into it."""
     path = folder / f"{name}.toml"
     path.write_text(scene_text(sensors=radar(sectors=8), drones="", **scene))
     with running("run", path) as process:
@@ -174,47 +158,45 @@ def session(folder: Path, name: str, **scene: str) -> Iterator[tuple[Running, In
         def inject(*words: object, **more: Any) -> CompletedProcess[str]:
             return plotfeed("inject", *words, "--broker", url, **more)
 
-        yield process, inject
+        yield url, inject
 
 
-def flies_as_it_is_said(folder: Path) -> None:
+def flies_as_it_is_said(folder: Path, flight: Path) -> None:
     """A flight of a file is taken in whichever way it is encoded, and what became of it told."""
-    near = csv_flight(folder)
-    with session(folder, "encodings") as (process, inject):
-        url = f"mqtt://127.0.0.1:{process.port('MQTT')}"
-        with MqttReceiver(process.port("MQTT"), 5, "plotfeed/truth") as client:
-            for encoding in ("json", "protobuf"):
-                drone = f"by-{encoding}"
-                how = ("--now", "--drone", drone, "--encoding", encoding)
-                done = inject(near, *how, *ELLIPSOID)
-                assert (done.returncode, done.stderr) == (0, "")
-                assert (
-                    f"8 reports sent to {url} as plotfeed/telemetry/{drone}, 0 und" in done.stdout
-                )
-                assert "session of test: the flight comes to 1.11 km from radar" in done.stdout
-                client.wait_for(
-                    lambda m: (
-                        drone  # noqa: B023 - at once
-                        in {look.drone for entry in entries_in(m.payload) for look in entry.looks}
-                    )
-                )
+    with (
+        session(folder, "encodings") as (url, inject),
+        MqttReceiver(int(url.rpartition(":")[2]), 5, "plotfeed/truth") as client,
+    ):
+        for encoding in ("json", "protobuf"):
+            drone = f"by-{encoding}"
+            done = inject(flight, "--now", "--drone", drone, "--encoding", encoding, *ELLIPSOID)
+            assert (done.returncode, done.stderr) == (0, "")
+            sent = f"8 reports sent to {url} as plotfeed/telemetry/{drone}, 0 und"
+            assert sent in done.stdout
+            assert "session of test: the flight comes to 1.11 km from radar" in done.stdout
+
+            def is_seen(message: MqttMessage) -> bool:
+                looks = (look for e in entries_in(message.payload) for look in e.looks)
+                return any(look.drone == drone for look in looks)  # noqa: B023 - at once
+
+            client.wait_for(is_seen)
 
 
-def is_told_why_it_is_refused(folder: Path) -> None:
-    near, far = csv_flight(folder), folder / "far.csv"
-    far.write_text(near.read_text().replace("40.46", "-33.0"))
+def is_told_why_it_is_refused(folder: Path, flight: Path) -> None:
+    far = folder / "far.csv"
+    far.write_text(flight.read_text().replace("40.46", "-33.0"))
     with session(folder, "refusals") as (_, inject):
         for words, says in (
-            ((near, *ELLIPSOID), "meanwhile the session refused, of all that came: stale 8"),
+            ((flight, *ELLIPSOID), "meanwhile the session refused, of all that came: stale 8"),
             ((far, "--now", *ELLIPSOID), "no sensor can see the flight"),
-            ((near, "--now", *ELLIPSOID, "--prefix", "other"), "no session was there"),
+            ((flight, "--now", *ELLIPSOID, "--prefix", "other"), "no session was there"),
         ):
             done = inject(*words)
             assert done.returncode == 1
             assert says in done.stderr
 
 
-def needs_the_height_of_its_takeoff(folder: Path) -> None:
+def needs_the_height_of_its_takeoff(folder: Path, _flight: Path) -> None:
     path = folder / "dji.srt"
     path.write_text("".join(SRT_BLOCK.format(n=n) for n in (1, 2, 3)))
     with session(folder, "heights", telemetry="") as (_, inject):
@@ -228,8 +210,7 @@ def needs_the_height_of_its_takeoff(folder: Path) -> None:
         assert "0 refused" in done.stdout
 
 
-def comes_from_autopilots_and_receivers(folder: Path) -> None:
-    pytest.importorskip("pymavlink")
+def comes_from_autopilots_and_receivers(folder: Path, _flight: Path) -> None:
     port = free_port()
     with session(folder, "sources") as (_, inject):
         with sending_vehicle(port):
@@ -253,13 +234,11 @@ INJECTIONS = (
 )
 
 
-def test_what_is_injected_into_sessions(tmp_path: Path) -> None:
+def test_what_is_injected_into_sessions(tmp_path: Path, flight: Path) -> None:
     """All at once, each with a session of its own: they mostly wait for its next status."""
-    folders = [tmp_path / each.__name__ for each in INJECTIONS]
-    for folder in folders:
-        folder.mkdir()
-    with ThreadPoolExecutor(len(folders)) as threads:
-        for done in [threads.submit(*each) for each in zip(INJECTIONS, folders, strict=True)]:
+    pytest.importorskip("pymavlink")
+    with ThreadPoolExecutor(len(INJECTIONS)) as threads:
+        for done in [threads.submit(each, tmp_path, flight) for each in INJECTIONS]:
             done.result()
 
 
@@ -269,26 +248,20 @@ def test_what_comes_after_the_end_is_not_taken(
     """Of a vehicle that goes on while the broker is slow to let go."""
     pytest.importorskip("pymavlink")
     events: list[str] = []
-
-    def noting(owner: type, name: str, event: str) -> None:
-        real = getattr(owner, name)
-
-        def noted(self: Any, *given: Any) -> Any:
-            events.append(event)
-            return real(self, *given)
-
-        monkeypatch.setattr(owner, name, noted)
-
-    close, port, broker_port = MqttConnection.close, free_port(), free_port()
+    take, leave, close = inject._Relay._take, LiveSource.close, MqttConnection.close
 
     async def close_slowly(connection: MqttConnection) -> None:
         events.append("link closes")
         await asyncio.sleep(0.5)
         await close(connection)
 
+    def noting(real: Callable[..., Any], event: str) -> Callable[..., Any]:
+        return lambda *given: (events.append(event), real(*given))[1]
+
     monkeypatch.setattr(MqttConnection, "close", close_slowly)
-    noting(inject._Relay, "_take", "report")
-    noting(LiveSource, "close", "source closes")
+    monkeypatch.setattr(inject._Relay, "_take", noting(take, "report"))
+    monkeypatch.setattr(LiveSource, "close", noting(leave, "source closes"))
+    port, broker_port = free_port(), free_port()
     broker = ("--broker", f"mqtt://127.0.0.1:{broker_port}")
     with mosquitto(tmp_path, broker_port), sending_vehicle(port):
         done = plotfeed_here("inject", f"mavlink:udp://:{port}", *broker, "--duration", "1")
