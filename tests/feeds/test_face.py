@@ -12,11 +12,11 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 
 import plotfeed
 from plotfeed import Observer, PlotfeedError, Scene, load, run, simulate
-from plotfeed.feeds.engine.simulation import SimulatedSensor
+from plotfeed.feeds.engine.simulation import Simulation
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.state import FALSE_ALARM, Columns
+from plotfeed.models.state import FALSE_ALARM
 
 START = "2026-01-01T12:00:00.05Z"
 START_NS = 1_767_268_800 * 10**9
@@ -51,89 +51,68 @@ class Reports(Observer):
         self.of.setdefault(report.sensor, []).append(report)
 
 
-def scene(folder: Path) -> Scene:
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
     text = scene_text(start_utc=START, sensors=SENSORS, drones=DRONE + SECOND_DRONE)
-    return load(scene_file(folder, text))
+    return scene_file(tmp_path, text)
 
 
-async def observed(what: Scene, start_utc_ns: int | None = None) -> dict[str, list[Batch]]:
-    reports = Reports()
-    await run(
-        what,
-        clock=InstantClock(start_utc_ns or what.scene.start_utc_ns),
-        broker="none",
-        duration_s=DURATION_S,
-        observers=[reports],
-    )
-    return reports.of
-
-
-def assert_same(columns: Columns, parts: list[Columns]) -> None:
-    of_session = type(parts[0]).joined(parts)
-    assert len(columns) == len(of_session)
-    for field in fields(of_session):
-        there = getattr(of_session, field.name)
-        if there is None or field.name == "sensor":  # all of a simulation's rows are of one
-            assert getattr(columns, field.name) is None
-        else:
-            np.testing.assert_array_equal(getattr(columns, field.name), there)
-
-
-def assert_as_in_a_session(simulated: SimulatedSensor, reports: list[Batch]) -> None:
-    assert_same(simulated.plots, [report.plots for report in reports])
-    assert_same(simulated.looks, [report.looks for report in reports])
-    for name, rows in (("plots", simulated.plots), ("looks", simulated.looks)):
-        lengths = [len(getattr(report, name)) for report in reports]
-        assert rows.scan.tolist() == np.repeat([r.sector.scan for r in reports], lengths).tolist()
-        sectors = np.repeat([r.sector.index for r in reports], lengths)
-        assert rows.sector.tolist() == sectors.tolist()
+async def assert_as_in_a_session(simulated: Simulation, what: Scene, start_utc_ns: int) -> None:
+    """Every column of every sensor, and to which scan and sector it belongs."""
+    reports, clock = Reports(), InstantClock(start_utc_ns)
+    await run(what, clock=clock, broker="none", duration_s=DURATION_S, observers=[reports])
+    assert set(simulated) == set(reports.of)
+    for sensor, of_session in reports.of.items():
+        for name in ("plots", "looks"):
+            rows, parts = getattr(simulated[sensor], name), [getattr(r, name) for r in of_session]
+            expected = type(parts[0]).joined(parts)
+            assert len(rows) == len(expected)
+            for field in fields(expected):
+                there = getattr(expected, field.name)
+                if there is None or field.name == "sensor":  # all of a simulation's rows are of one
+                    assert getattr(rows, field.name) is None
+                else:
+                    np.testing.assert_array_equal(getattr(rows, field.name), there)
+            lengths = [len(part) for part in parts]
+            scans, sectors = zip(
+                *((r.sector.scan, r.sector.index) for r in of_session), strict=True
+            )
+            assert rows.scan.tolist() == np.repeat(scans, lengths).tolist()
+            assert rows.sector.tolist() == np.repeat(sectors, lengths).tolist()
 
 
 @pytest.mark.asyncio
-async def test_columns_are_those_that_a_session_reports(tmp_path: Path) -> None:
-    what = scene(tmp_path)
-    simulated = simulate(what, DURATION_S)
-    of_session = await observed(what)
-    assert set(simulated) == set(of_session)
-    for sensor, reports in of_session.items():
-        assert_as_in_a_session(simulated[sensor], reports)
+async def test_columns_are_those_that_a_session_reports(path: Path) -> None:
+    simulated, what = simulate(path, DURATION_S), load(path)
+    await assert_as_in_a_session(simulated, what, what.scene.start_utc_ns or 0)
     assert simulated.drones == ("visitor", "late")
     drones = np.concatenate([each.plots.drone for each in simulated.values()])
     assert set(drones) == {FALSE_ALARM, 0, 1}
-
-
-@pytest.mark.asyncio
-async def test_sensors_that_stare_or_only_listen_are_simulated_too() -> None:
-    of_session = await observed(example("section-4"), START_NS)
     simulated = simulate("section-4", DURATION_S, start_utc_ns=START_NS)
+    await assert_as_in_a_session(simulated, example("section-4"), START_NS)
     assert set(simulated) == {"active", "mimo", "passive", "microphone"}
-    for sensor, reports in of_session.items():
-        assert_as_in_a_session(simulated[sensor], reports)
 
 
 @pytest.mark.asyncio
-async def test_it_works_where_a_loop_is_running(tmp_path: Path) -> None:
-    what = scene(tmp_path)
-
-    alone = await asyncio.to_thread(simulate, what, 1.0)
-    assert len(simulate(what, 1.0)["plain"].plots) == len(alone["plain"].plots) > 0
+async def test_it_works_where_a_loop_is_running(path: Path) -> None:
+    alone = await asyncio.to_thread(simulate, path, 1.0)
+    assert len(simulate(path, 1.0)["plain"].plots) == len(alone["plain"].plots) > 0
 
 
-def test_a_seed_draws_anew_and_a_path_is_a_scene(tmp_path: Path) -> None:
-    what = scene(tmp_path)
-    own = simulate(tmp_path / "scene.toml", 5.0)["plain"].plots.range_m
-    same = simulate(str(tmp_path / "scene.toml"), 5.0, seed=what.scene.seed)
+def test_a_seed_draws_anew_and_a_path_is_a_scene(path: Path) -> None:
+    what = load(path)
+    own = simulate(path, 5.0)["plain"].plots.range_m
+    same = simulate(str(path), 5.0, seed=what.scene.seed)
     other = simulate(what, 5.0, seed=what.scene.seed + 1)
     np.testing.assert_array_equal(own, same["plain"].plots.range_m)
     assert own.tolist() != other["plain"].plots.range_m.tolist()
 
 
-def test_before_the_first_sector_ends_the_tables_are_empty(tmp_path: Path) -> None:
-    plain = simulate(scene(tmp_path), 0.01)["plain"]
+def test_before_the_first_sector_ends_tables_are_empty_and_errors_are_the_command_s(
+    path: Path,
+) -> None:
+    plain = simulate(path, 0.01)["plain"]
     assert len(plain.plots) == len(plain.looks) == len(plain.plots.scan) == 0
-
-
-def test_errors_are_those_of_the_command() -> None:
     with pytest.raises(PlotfeedError, match="no shipped scene 'no-such-example'"):
         simulate("no-such-example", 1.0)
 

@@ -14,6 +14,13 @@ from numpy.typing import NDArray
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind
 
 SNAPSHOT = 1
+# Of what only who sees the truth is told.
+TRUE_KINDS = {
+    SectionKind.PLOT_TRUTHS,
+    SectionKind.LOST_PLOTS,
+    SectionKind.DRONES,
+    SectionKind.TRUE_NEWS,
+}
 
 
 @dataclass(frozen=True)

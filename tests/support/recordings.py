@@ -163,7 +163,7 @@ def mcap_of(
 ) -> bytes:
     """A whole file, or what there is of one that nobody has ended."""
     file = io.BytesIO()
-    writer = McapWriter(file, attachments=attachments)
+    writer = McapWriter(file, attachments=attachments, library="plotfeed test")
     for n, each in enumerate(recorded, 1):
         writer.write(each)
         if flush_every and n % flush_every == 0:

@@ -9,7 +9,6 @@ import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -60,7 +59,7 @@ REPORT = PositionReport(
 
 
 def flown(*t_s: float) -> Flight:
-    reports = [replace(REPORT, t_utc_ns=round(t * S), latitude_deg=50 + t * 1e-5) for t in t_s]
+    reports = [REPORT._replace(t_utc_ns=round(t * S), latitude_deg=50 + t * 1e-5) for t in t_s]
     return Flight(name="a", reports=tuple(reports))
 
 

@@ -98,23 +98,20 @@ class Show:
 async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> None:
     show = Show(WallClock(testing.START_NS, speed=5.0))
     await show.play(6.0)
-    expected: list[tuple[int, int, float]] = []
-    for message, _ in show.messages:
-        for entry in entries_in(message.payload) if message.topic == "plotfeed/truth" else ():
-            carriers = [m for m in entry.messages if m.topic.endswith(("/plots", "/048", "/015"))]
-            for plot in entry.plots:
-                first_ns = min(m.sent_utc_ns for m in carriers if m.delivered)
-                late_ms = (first_ns - plot.time_utc_ns) / 1e6
-                expected.append((int(entry.sensor == "other"), plot.time_utc_ns, late_ms))
+    expected: list[tuple[int, float, float]] = []
+    ledgers = (m.payload for m, _ in show.messages if m.topic == "plotfeed/truth")
+    for entry in (entry for payload in ledgers for entry in entries_in(payload)):
+        carriers = [m for m in entry.messages if m.topic.endswith(("/plots", "/048", "/015"))]
+        for plot in entry.plots:
+            first_ns = min(m.sent_utc_ns for m in carriers if m.delivered)
+            late_ms = (first_ns - plot.time_utc_ns) / 1e6
+            expected.append((int(entry.sensor == "other"), plot.time_utc_ns / 1e6, late_ms))
     names = ("sensor", "t_utc_ms", "latency_ms")
     columns = (show.column(SectionKind.PLOTS, name).tolist() for name in names)
     shown = sorted(zip(*columns, strict=True))
-    assert len(shown) == len(expected) >= 8
-    for plot, (sensor, t_utc_ns, late_ms) in zip(shown, sorted(expected), strict=True):
-        assert plot[0] == sensor
-        assert abs(plot[1] * 1e6 - t_utc_ns) < 1000
-        assert plot[2] == pytest.approx(late_ms, rel=1e-6)
-        assert plot[2] > (20.0 if sensor == 0 else -1e-3)
+    assert len(shown) >= 8
+    np.testing.assert_allclose(shown, sorted(expected), rtol=1e-6, atol=1e-3)
+    assert all(late_ms > (20.0 if sensor == 0 else -1e-3) for sensor, _, late_ms in shown)
     assert show.column(SectionKind.PLOT_TRUTHS, "drone").max() == 0
 
 
@@ -143,11 +140,10 @@ async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on(
         "radar: link.latency_ms 400.0",
     ]
     kinds = {mark["words"]: mark["kind"] for mark in marks}
-    assert kinds["Outage of radar"] == "story"
-    assert kinds["other: by its script"] == "script"
-    assert kinds["radar: link.latency_ms 400.0"] == "change"
-    told = {story["id"]: story["since_utc_ms"] for story in show.news["stories"]}
-    assert [name for name, since_ms in told.items() if since_ms is not None] == ["outage"]
+    told = ("Outage of radar", "other: by its script", "radar: link.latency_ms 400.0")
+    assert [kinds[words] for words in told] == ["story", "script", "change"]
+    on = [each["id"] for each in show.news["stories"] if each["since_utc_ms"] is not None]
+    assert on == ["outage"]
     assert show.news["undoes"] == "Outage of radar"
     assert all(second["t_utc_ms"] > testing.START_NS / 1e6 for second in show.news["seconds"])
 
@@ -194,15 +190,11 @@ async def test_a_sensor_and_the_clock_are_changed_while_it_runs_and_the_page_say
         await show.play(act=act)
     assert show.news["settings"]["radar"]["link"]["latency_ms"] == 40.0
     assert show.news["settings"]["other"]["enabled"] is False
-    judged = [
-        link
-        for frame in show.frames
-        if (link := frame.news.get("details", {}).get("radar", {}).get("link"))
-        and link["asked_mean_ms"] == 400.0
-        and link["messages"]
-    ]
+    details = (frame.news.get("details", {}).get("radar") for frame in show.frames)
+    links = [of["link"] for of in details if of and of["link"]["asked_mean_ms"] == 400.0]
+    judged = [link["mean_ms"] for link in links if link["messages"]]
     assert judged
-    assert all(link["mean_ms"] >= 399.9 for link in judged)  # later on a busy machine
+    assert min(judged) >= 399.9  # later on a busy machine
     assert show.news["session"]["clock"]["kind"] == "simulated"
     assert show.news["session"]["refuses"] == {}
     with McapReader(tmp_path / "changed.mcap") as log:
@@ -243,33 +235,26 @@ async def test_refused_telemetry_and_totals_reach_the_page() -> None:
 
 @pytest.mark.asyncio
 async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> None:
-    port = free_port()
-    view = View()
-    view.scene(SCENE)
-    view.update(testing.START_NS, 0.0)
-
+    port, view, frames = free_port(), View(), list[Frame]()
+    scene = testing.scene([testing.radar()], seed=3, page={"tracks_topic": "tracker/tracks"})
+    view.scene(scene)
     with mosquitto(tmp_path, port):
-        address = BrokerAddress.parse(f"mqtt://127.0.0.1:{port}")
-        page = SCENE.page.model_copy(update={"tracks_topic": "tracker/tracks"})
-        scene, brokers = SCENE.model_copy(update={"page": page}), ([address], {})
+        brokers = ([BrokerAddress("127.0.0.1", port, (5,))], {})
         async with tracks_of(scene, view, brokers, lambda: testing.START_NS):
             tracker = await asyncio.to_thread(MqttReceiver, port, 5)
             place = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
-            seen: dict[str, Any] = {}
 
             def both_are_seen() -> bool:
                 tracker.publish("tracker/tracks", json.dumps(place).encode())
                 tracker.publish("tracker/tracks", b"nonsense")
-                frame = read_frame(view.update(testing.START_NS, 0.0).public)
-                if frame.of(SectionKind.TRACKS):
-                    seen["tracks"] = frame.column(SectionKind.TRACKS, "track")[0]
-                if "track_problem" in frame.news:
-                    seen["problem"] = frame.news["track_problem"]
-                return {"tracks", "problem"} <= seen.keys()
+                frames.append(read_frame(view.update(testing.START_NS, 0.0).public))
+                has_tracks = any(frame.of(SectionKind.TRACKS) for frame in frames)
+                return has_tracks and "track_problem" in news_of(frames)
 
             await until(both_are_seen)
-            assert seen["tracks"] == 4
-            assert "JSON" in seen["problem"]
+            (number,) = {n for f in frames for n in f.column(SectionKind.TRACKS, "track")}
+            assert number == 4
+            assert "JSON" in news_of(frames)["track_problem"]
             await asyncio.to_thread(tracker.close)
 
 
@@ -285,16 +270,9 @@ LENS = FAR_SENSORS["camera"] | {
 async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_beam_looks_at() -> (
     None
 ):
-    steered = testing.radar(
-        id="steered",
-        azimuth_min_deg=-60.0,
-        azimuth_max_deg=60.0,
-        elevation_min_deg=-5.0,
-        elevation_max_deg=40.0,
-        integration_s=0.01,
-        report=["asterix-015", "plots"],
-        scan={"kind": "electronic", "period_s": 0.5, "dwell_s": 0.01},
-    )
+    sector = {"azimuth_min_deg": -60.0, "azimuth_max_deg": 60.0, "report": ["asterix-015"]}
+    electronic = {"kind": "electronic", "period_s": 0.5, "dwell_s": 0.01}
+    steered = testing.radar(id="steered", scan=electronic, integration_s=0.01, **sector)
     show = Show(WallClock(testing.START_NS), testing.scene([LENS, steered], [DRONE], seed=3))
 
     def lens(news: dict[str, Any]) -> dict[str, Any]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import socket
-import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -18,7 +18,7 @@ from support.page_server import (
     small_page,  # noqa: F401 - a fixture
     small_stage,  # noqa: F401 - a fixture
 )
-from support.page_updates import Frame, read_frame
+from support.page_updates import TRUE_KINDS, Frame, read_frame
 from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
@@ -31,12 +31,6 @@ from plotfeed.feeds.page.view import View
 
 AUDIENCE = "/audience/feed"
 WIDE = PageAddress("0.0.0.0", 0)  # noqa: S104 - with tokens
-TRUE_KINDS = {
-    SectionKind.PLOT_TRUTHS,
-    SectionKind.LOST_PLOTS,
-    SectionKind.DRONES,
-    SectionKind.TRUE_NEWS,
-}
 
 
 def frames(feed: ClientConnection) -> Iterator[Frame]:
@@ -115,24 +109,26 @@ def test_bound_wider_each_address_needs_its_own_token(stage: MadeUpSession) -> N
             assert status == 403
             assert b"token" in body
         assert status_of(page) == 403
-        status, headers, _ = page.get(f"/?token={presenter}")
-        assert (status, headers["location"]) == (303, "/")
-        cookie, *rules = headers["set-cookie"].split("; ")
-        assert {"HttpOnly", "SameSite=lax"} <= set(rules)
-        for path in ("/", "/audience/"):
-            assert page.get(path, Cookie=cookie)[0] == 200
-        assert page.get("/", Cookie=cookie, Host="evil.example")[0] == 421
-        with page.feed(additional_headers={"Cookie": cookie}) as feed:
+
+        def kept(path: str, leads_to: str) -> dict[str, str]:
+            """The cookie by which an address with its token leads to that page, as a header."""
+            status, headers, _ = page.get(path)
+            assert (status, headers["location"]) == (303, leads_to)
+            cookie, *rules = headers["set-cookie"].split("; ")
+            assert {"HttpOnly", "SameSite=lax"} <= set(rules)
+            return {"Cookie": cookie}
+
+        cookie = kept(f"/?token={presenter}", "/")
+        assert [page.get(path, **cookie)[0] for path in ("/", "/audience/")] == [200, 200]
+        assert page.get("/", Host="evil.example", **cookie)[0] == 421
+        with page.feed(additional_headers=cookie) as feed:
             assert next_frame(feed).is_snapshot
-        for asked_for in ("/?token=", "/audience/?token=", "/audience?token="):
-            status, headers, _ = page.get(asked_for + audience)
-            assert (status, headers["location"]) == (303, "/audience/")
-        cookie = headers["set-cookie"].partition(";")[0]
-        assert page.get("/audience/", Cookie=cookie)[0] == 200
-        assert page.get("/page.js", Cookie=cookie)[0] == 200
-        assert page.get("/", Cookie=cookie)[0] == 403
-        assert status_of(page, additional_headers={"Cookie": cookie}) == 403
-        with page.feed(path=AUDIENCE, additional_headers={"Cookie": cookie}) as feed:
+        for path in ("/?token=", "/audience/?token=", "/audience?token="):
+            cookie = kept(path + audience, "/audience/")
+        found = [page.get(path, **cookie)[0] for path in ("/audience/", "/page.js", "/")]
+        assert found == [200, 200, 403]
+        assert status_of(page, additional_headers=cookie) == 403
+        with page.feed(path=AUDIENCE, additional_headers=cookie) as feed:
             assert json.loads(feed.recv(PATIENCE_S)).keys() == {"build"}
             assert "only the presenter" in asked(feed, audience={"truth": True})["error"]
 
@@ -342,31 +338,24 @@ def test_a_port_in_use_and_a_host_that_is_not_ours_are_one_clear_line_each() -> 
             (PageAddress("127.0.0.1", taken), f"127.0.0.1:{taken}: Address already in use"),
             (PageAddress("192.0.2.1", free_port()), r"192\.0\.2\.1:\d+: "),
         ):
-            with (
-                pytest.raises(PageError, match=f"--page {why}"),
-                served(View(), NoControls(), lambda: 0, address=address),
-            ):
+            page = served(View(), NoControls(), lambda: 0, address=address)
+            with pytest.raises(PageError, match=f"--page {why}"), page:
                 pass
 
 
 def test_the_end_of_a_session_ends_the_page_at_once_with_viewers_and_all(
     stage: MadeUpSession,
 ) -> None:
-    looking, closed = threading.Event(), threading.Event()
+    def follow(feed: ClientConnection) -> None:
+        with pytest.raises(ConnectionClosed, match="service restart"):  # said, not cut off
+            list(frames(feed))
 
-    def follow(page: Served) -> None:
-        with page.feed() as feed:
-            next_frame(feed)
-            looking.set()
-            with pytest.raises(ConnectionClosed, match="service restart"):  # said, not cut off
-                list(frames(feed))
-        closed.set()
-
-    with on_stage(stage) as page:
-        threading.Thread(target=follow, args=(page,), daemon=True).start()
-        assert looking.wait(PATIENCE_S)
-        port = page.port
-    assert closed.wait(PATIENCE_S)
+    with ThreadPoolExecutor(1) as watching, on_stage(stage) as page:
+        feed = page.feed()
+        next_frame(feed)
+        follows = watching.submit(follow, feed)
+    follows.result()
+    feed.close()
     with socket.socket() as again:
         again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        again.bind(("127.0.0.1", port))
+        again.bind(("127.0.0.1", page.port))

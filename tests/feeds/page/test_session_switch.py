@@ -5,6 +5,7 @@ Sessions are real ones, and what is sent is measured on a broker.
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import os
@@ -17,6 +18,8 @@ from typing import Any
 import pytest
 from mcap.writer import Writer
 from support.page_replays import SESSION_S, TRACKS, Act, Begun, Viewer, of_lab
+from support.page_updates import news_of
+from support.recordings import mcap_of
 from support.waiting import until
 
 from plotfeed.feeds.page import page_replay
@@ -25,9 +28,9 @@ from plotfeed.feeds.page.page_sessions import MAX_LISTED, new_path, recordings_i
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap import McapReader, McapWriter
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Recorded
-from plotfeed.testing import MqttMessage, MqttReceiver
+from plotfeed.testing import MqttReceiver
 
 NS = 1_000_000_000
 Play = Callable[[Act], Any]
@@ -39,15 +42,6 @@ def sent(record: Path) -> list[Recorded]:
     takes = ReplaySettings().takes
     with McapReader(record) as log:
         return [m for m in log.messages() if takes(m.topic, m.content_type, m.stage)]
-
-
-def recorded_at(sent: list[Recorded]) -> dict[tuple[str, str], int]:
-    """When messages were recorded that are known by their topics and ids."""
-    return {
-        (m.topic, dict(m.properties)["id"]): m.log_time_ns
-        for m in sent
-        if m.topic.endswith(("/plots", "/048", "/034"))
-    }
 
 
 REFUSED: tuple[tuple[dict[str, Any], str], ...] = (
@@ -123,10 +117,7 @@ async def test_a_recording_of_the_running_session_is_whole_and_replayed_with_the
         assert recorded == heard[: len(recorded)]  # message after message, without a gap
         await viewer.until(lambda: file in viewer.session["recordings"])
         await viewer.load(file)
-        told: dict[str, Any] = {}
-        for frame in viewer.frames:
-            told |= frame.news
-        assert told["settings"]["radar"]["pfa"] == 1e-4
+        assert news_of(viewer.frames)["settings"]["radar"]["pfa"] == 1e-4
 
     assert await play(act) == ["test", "test", "test"]
 
@@ -144,18 +135,20 @@ def test_recordings_of_one_second_have_names_of_their_own(tmp_path: Path) -> Non
 def test_recordings_are_plotfeed_s_own_the_newest_first_and_not_too_many(tmp_path: Path) -> None:
     for number in range(MAX_LISTED + 5):
         path = tmp_path / f"{number:03}.mcap"
-        with path.open("wb") as file:
-            McapWriter(file, attachments=[], library="plotfeed test").close()
+        path.write_bytes(mcap_of([]))
         os.utime(path, ns=(0, number * NS))
     foreign = io.BytesIO()
     writer = Writer(foreign)
     writer.start(library="another")
     writer.finish()
-    (tmp_path / "foreign.mcap").write_bytes(foreign.getvalue())
-    (tmp_path / "nothing.mcap").write_bytes(b"")
-    (tmp_path / "text.mcap").write_text("not a recording at all, but long enough to look like it")
+    for name, content in {
+        "foreign.mcap": foreign.getvalue(),
+        "nothing.mcap": b"",
+        "text.mcap": b"not a recording at all, but long enough to look like it",
+        "other.txt": (tmp_path / "000.mcap").read_bytes(),
+    }.items():
+        (tmp_path / name).write_bytes(content)
     (tmp_path / "folder.mcap").mkdir()
-    (tmp_path / "other.txt").write_bytes((tmp_path / "000.mcap").read_bytes())
     newest = [f"{number:03}.mcap" for number in range(MAX_LISTED + 4, 4, -1)]
     assert list(recordings_in(tmp_path)) == newest
     assert recordings_in(tmp_path / "nowhere") == {}
@@ -188,13 +181,14 @@ async def test_a_recording_comes_as_of_now_at_the_speed_that_is_asked_for(
         await viewer.until(lambda: any(frame.of(SectionKind.PLOTS) for frame in viewer.frames))
         await viewer.done(replay={"position_s": 9.0})
         track = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
-        shown = lambda: [f for f in viewer.frames if f.of(SectionKind.TRACKS)]  # noqa: E731
-        while not shown():
+
+        def is_shown() -> bool:
             client.publish(TRACKS, json.dumps(track).encode())
-            count = len(viewer.frames)
-            await viewer.until(lambda: len(viewer.frames) > count)  # noqa: B023
-        t_ms = shown()[-1].column(SectionKind.TRACKS, "t_utc_ms")[0] - sent[0].log_time_ns / 1e6
-        assert 0 <= t_ms <= SESSION_S * 1e3
+            return bool(viewer.frames[-1].of(SectionKind.TRACKS))
+
+        await viewer.until(is_shown)
+        t_ms = viewer.frames[-1].column(SectionKind.TRACKS, "t_utc_ms")[0]
+        assert 0 <= t_ms - sent[0].log_time_ns / 1e6 <= SESSION_S * 1e3
 
     assert await play(act) == ["test"]
 
@@ -203,12 +197,14 @@ async def test_a_recording_comes_as_of_now_at_the_speed_that_is_asked_for(
 async def test_a_pause_holds_everything_and_a_seek_goes_on_from_there(
     play: Play, sent: list[Recorded]
 ) -> None:
-    times_ns, first_ns = recorded_at(sent), sent[0].log_time_ns
+    first_ns, ends = sent[0].log_time_ns, ("/plots", "/048", "/034")
+    ids = {(m.topic, dict(m.properties).get("id", "")): m for m in sent if m.topic.endswith(ends)}
 
     async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
-        def recorded_ns(since: int = 0) -> list[int]:
+        def recorded_s(since: int) -> list[float]:
+            """When each of what has come had been recorded, since the recording's beginning."""
             keys = ((m.topic, m.user_properties.get("id", "")) for m in of_lab(client, since))
-            return [times_ns[key] for key in keys if key in times_ns]
+            return [(ids[key].log_time_ns - first_ns) / NS for key in keys if key in ids]
 
         await viewer.load()
         await viewer.until(lambda: viewer.replay["position_s"] >= 2.0)
@@ -227,18 +223,15 @@ async def test_a_pause_holds_everything_and_a_seek_goes_on_from_there(
         assert len(viewer.frames[-1].column(SectionKind.PLOTS, "sensor")) > 10
         await viewer.until(lambda: len({frame.now_ms for frame in viewer.frames[-5:]}) == 1)
         assert len(client.heard) == heard
-        before = set(recorded_ns())
         assert (await viewer.done(replay={"position_s": 1.0}))["paused"]
         await viewer.done(replay={"paused": False})
-        await viewer.until(lambda: len(recorded_ns(heard)) > 20)  # the same again
-        wanted = [at_ns for at_ns in sorted(times_ns.values()) if at_ns >= first_ns + NS]
-        assert recorded_ns(heard)[:20] == wanted[:20]
-        assert before >= set(wanted[:20])
+        await viewer.until(lambda: len(recorded_s(heard)) > 20)  # the same again
+        times_s = [(m.log_time_ns - first_ns) / NS for m in ids.values()]
+        assert recorded_s(heard)[:20] == [t_s for t_s in sorted(times_s) if t_s >= 1.0][:20]
         heard = len(client.heard)
         to_s = (await viewer.done(replay={"skip_s": 10.0}))["position_s"]  # to a tenth
-        to_ns = first_ns + to_s * NS
-        await viewer.until(lambda: [t for t in recorded_ns(heard) if t > to_ns])
-        assert not [t for t in recorded_ns(heard) if -9.8 < (t - to_ns) / NS < -0.2]
+        await viewer.until(lambda: [t_s for t_s in recorded_s(heard) if t_s > to_s])
+        assert not [t_s for t_s in recorded_s(heard) if -9.8 < t_s - to_s < -0.2]
 
     await play(act)
 
@@ -251,14 +244,9 @@ async def test_at_its_end_a_replay_stands_and_can_be_moved_back_or_played_again(
     with McapReader(record) as log:
         attachment, first = log.attachment("scene.toml"), list(log.messages())[:40]
     assert attachment is not None
-    last = first[-1]._replace(
-        topic="lab/truth", payload=b"", log_time_ns=first[-1].log_time_ns + NS
-    )
-    with (folder / "silent.mcap").open("wb") as file:
-        log_writer = McapWriter(file, attachments=[attachment], library="plotfeed test")
-        for message in (*first, last):
-            log_writer.write(message)
-        log_writer.close()
+    end_ns = first[-1].log_time_ns + NS
+    last = first[-1]._replace(topic="lab/truth", payload=b"", log_time_ns=end_ns)
+    (folder / "silent.mcap").write_bytes(mcap_of([*first, last], attachments=[attachment]))
 
     async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load("silent.mcap")
@@ -334,7 +322,8 @@ async def test_what_makes_no_sense_in_a_replay_is_refused_and_leaving_goes_back_
         assert viewer.session["notes"] == []
         for _ in range(2):  # from the first of the session's messages to another
             since = len(client.heard)
-            await until(lambda: [m for m in client.heard[since:] if is_plots(m)])  # noqa: B023
+            is_plots = lambda m: m.topic == "plotfeed/radar/plots"  # noqa: E731
+            await asyncio.to_thread(client.wait_for, is_plots, since)
         assert not [m for m in of_lab(client, since) if not m.retained]
         await viewer.load()
         begun.waiting.clear()
@@ -343,10 +332,6 @@ async def test_what_makes_no_sense_in_a_replay_is_refused_and_leaving_goes_back_
         await viewer.until(lambda: viewer.scene == "section-4")
 
     assert await play(act) == ["test", "test", "section-4"]
-
-
-def is_plots(message: MqttMessage) -> bool:
-    return message.topic == "plotfeed/radar/plots"
 
 
 @pytest.mark.asyncio
