@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.page.shown import tracks_to_show
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 LAG_S = 2.0  # At both ends of the time, in which nothing is expected to have come already
 BEHIND_S = 20.0  # A page on a busy machine may show so late what has come; how late it was is told
 KEPT_S = 60.0  # A track that is silent for longer is gone
+PLOTS = ("/plots", "/048", "/015", "/205")  # How topics end that have any
+Told = dict[int, list[tuple[float, int, float]]]
 LISTEN = """() => {
   const { feed, reader } = plotfeed, take = feed.onFrame;
   globalThis.said = { plots: [] };
@@ -75,15 +78,16 @@ class Beside:
         self.page.wait_for_timeout(1000 * LAG_S)  # what has come is shown by then
         shown = self.page.evaluate("said.plots")
         heard = list(self.client.heard)
-        found = [*self._plots(shown, heard, ended_s), *self._tracks(heard)]
+        told = self._tracks_told(heard)
+        of_tracks = (_tracks_of_sample(told, at_s, self.began_s, s) for at_s, s in self.samples)
         return {
             "seconds": round(ended_s - self.began_s, 1),
             "plots_shown": len(shown),
             "messages_heard": sum(message.at_s >= self.began_s for message in heard),
             "samples": len(self.samples),
-            "tracks_compared": sum(len(told["tracks"]) for _, told in self.samples),
-            "most_behind_s": self._most_behind_s(heard),
-            "differences": found,
+            "tracks_compared": sum(len(sample["tracks"]) for _, sample in self.samples),
+            "most_behind_s": self._most_behind_s(told),
+            "differences": [*self._plots(shown, heard, ended_s), *chain(*of_tracks)],
         }
 
     def _plots(
@@ -92,12 +96,11 @@ class Beside:
         """Plots on the page that did not leave, and those that left and are not on it."""
         page, told = Counter(map(tuple, shown)), Counter[tuple[str, float]]()
         in_time = Counter[tuple[str, float]]()
-        topics = {sensor.id: set(self._plot_topics(sensor.id)) for sensor in self.scene.sensor}
         for message in heard:
             if message.topic != f"{self.scene.mqtt.prefix}/truth":
                 continue
             for entry in entries_in(message.payload):
-                if not any(m.delivered and m.topic in topics[entry.sensor] for m in entry.messages):
+                if not any(m.delivered and m.topic.endswith(PLOTS) for m in entry.messages):
                     continue
                 plots = Counter((entry.sensor, p.time_utc_ns / 1e6) for p in entry.plots)
                 told += plots
@@ -110,19 +113,9 @@ class Beside:
         for key in (in_time - page).elements():
             yield f"plot of {key[0]} at {key[1]} ms has left, and is not shown"
 
-    def _plot_topics(self, sensor: str) -> Iterator[str]:
-        for end in ("plots", "asterix/048", "asterix/015", "asterix/205"):
-            yield f"{self.scene.mqtt.prefix}/{sensor}/{end}"
-
-    def _tracks(self, heard: list[MqttMessage]) -> Iterator[str]:
-        """Tracks of which a sample says otherwise than the tracker did, or nothing."""
-        told = self._tracks_told(heard)
-        for asked_s, sample in self.samples:
-            yield from _tracks_of_sample(told, asked_s, self.began_s, sample)
-
-    def _tracks_told(self, heard: list[MqttMessage]) -> dict[int, list[tuple[float, int, float]]]:
+    def _tracks_told(self, heard: list[MqttMessage]) -> Told:
         """When what was told of each track: flags, and as of which time, milliseconds."""
-        told: dict[int, list[tuple[float, int, float]]] = defaultdict(list)
+        told: Told = defaultdict(list)
         site = site_frame(self.scene.scene.site)
         near_ns = int(1e6 * self.samples[0][1]["now_ms"])
         for message in heard:
@@ -136,9 +129,9 @@ class Beside:
                     told[number].append((message.at_s, flags, (track.t_utc_ns or 0) / 1e6))
         return told
 
-    def _most_behind_s(self, heard: list[MqttMessage]) -> float:
+    def _most_behind_s(self, told: Told) -> float:
         """How long the next report of a track had been there at most that was not shown yet."""
-        told, most_s = self._tracks_told(heard), 0.0
+        most_s = 0.0
         for asked_s, sample in self.samples:
             for track, t_ms, _ in sample["tracks"]:
                 later = [at_s for at_s, _, when_ms in told[track] if when_ms > t_ms + 1]
@@ -147,10 +140,7 @@ class Beside:
 
 
 def _tracks_of_sample(
-    told: dict[int, list[tuple[float, int, float]]],
-    asked_s: float,
-    began_s: float,
-    sample: dict[str, Any],
+    told: Told, asked_s: float, began_s: float, sample: dict[str, Any]
 ) -> Iterator[str]:
     """Compare the tracks of a sample with what had come of them by then."""
     now_ms = sample["now_ms"]

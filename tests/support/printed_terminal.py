@@ -9,12 +9,10 @@ language is a file, if the paragraph before it names one in backticks.
 from __future__ import annotations
 
 import os
-import queue
 import re
 import shutil
 import signal
 import subprocess
-import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -79,8 +77,6 @@ class Terminal:
         self.environment = environment
         self._state = Path(environment["HOME"]) / ".state"
         self._going: subprocess.Popen[str] | None = None
-        self._heard: queue.Queue[str] = queue.Queue()
-        self._hearing = threading.Thread()
 
     def do(self, step: Typed | Saved) -> None:
         """One step, which must print what the page says."""
@@ -118,7 +114,7 @@ class Terminal:
 
     def _begun(self, command: str) -> str:
         """What a command prints until it says how to stop it; it goes on."""
-        process = subprocess.Popen(
+        self._going = subprocess.Popen(
             [BASH, "-c", f"exec {command}"],
             cwd=self.folder,
             env=self.environment,
@@ -126,37 +122,27 @@ class Terminal:
             stderr=subprocess.STDOUT,
             text=True,
         )
-        self._going, self._heard = process, queue.Queue()
-
-        def hear() -> None:
-            assert process.stdout is not None
-            for line in process.stdout:
-                self._heard.put(line)
-
-        self._hearing = threading.Thread(target=hear)
-        self._hearing.start()
+        assert self._going.stdout is not None
         printed = ""
         while not printed.rstrip().endswith(GOES_ON):
-            printed += self._heard.get(timeout=PATIENCE_S)
+            line = self._going.stdout.readline()
+            assert line, f"$ {command}\n{printed}"
+            printed += line
         return printed
 
     def _stopped(self) -> str:
         """What it printed since, and when it was interrupted."""
         assert self._going is not None
         self._going.send_signal(signal.SIGINT)
-        self._going.wait(PATIENCE_S)
-        self.close()
-        return "".join(self._heard.queue)
+        printed, _ = self._going.communicate(timeout=PATIENCE_S)
+        self._going = None
+        return printed
 
     def close(self) -> None:
         """End what still goes on."""
         if self._going is not None:
             self._going.kill()
-            self._going.wait(PATIENCE_S)
-            self._hearing.join()
-            assert self._going.stdout is not None
-            self._going.stdout.close()
-            self._going = None
+            self._going.communicate()
 
 
 def reader(home: Path, clone: Path) -> Terminal:

@@ -6,6 +6,7 @@ import json
 import socket
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
@@ -350,12 +351,12 @@ def test_the_end_of_a_session_ends_the_page_at_once_with_viewers_and_all(
         with pytest.raises(ConnectionClosed, match="service restart"):  # said, not cut off
             list(frames(feed))
 
-    with ThreadPoolExecutor(1) as watching, on_stage(stage) as page:
-        feed = page.feed()
-        next_frame(feed)
-        follows = watching.submit(follow, feed)
-    follows.result()
-    feed.close()
+    with ThreadPoolExecutor(1) as watching, ExitStack() as outlasts:
+        with on_stage(stage) as page:
+            feed = outlasts.enter_context(page.feed())
+            next_frame(feed)
+            follows = watching.submit(follow, feed)
+        follows.result()
     with socket.socket() as again:
         again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         again.bind(("127.0.0.1", page.port))
