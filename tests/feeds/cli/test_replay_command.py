@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
 import pty
 import select
 import subprocess
+import termios
 import time
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
+from unittest.mock import Mock, call
 
 import click
 import pytest
 from support.brokers import free_port
 from support.command import PLOTFEED, plotfeed, plotfeed_here
-from support.recordings import plots
+from support.recordings import plots, written
 from support.replays import SESSION, Memory, S, log_file, message
 from support.udp_receiver import heard, place, receiver
 from support.waiting import PATIENCE_S
@@ -30,6 +34,7 @@ from plotfeed.feeds.replaying.replayer import AT_ONCE, Replayer
 from plotfeed.feeds.replaying.routes import ReplayMqtt
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.files import JsonLinesWriter
 from plotfeed.testing import MqttReceiver
 
 
@@ -42,7 +47,7 @@ def test_keys_steer_it_in_a_terminal(tmp_path: Path, broker: int) -> None:
         process = subprocess.Popen(
             [*PLOTFEED, "replay", str(path), "--broker", url],
             stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
-            preexec_fn=lambda: _make_controlling(theirs),  # noqa: PLW1509
+            preexec_fn=lambda: fcntl.ioctl(theirs, termios.TIOCSCTTY, 0),  # noqa: PLW1509
         )  # fmt: skip
         os.close(theirs)
         try:
@@ -70,13 +75,6 @@ def test_a_replay_that_sends_nothing_fails_and_says_so(tmp_path: Path) -> None:
         assert done.stderr.endswith(told)
 
 
-def _make_controlling(terminal: int) -> None:
-    import fcntl
-    import termios
-
-    fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
-
-
 def _all_of(terminal: int, process: subprocess.Popen[bytes]) -> str:
     """What is shown until the process ends."""
     shown, deadline = b"", time.monotonic() + PATIENCE_S
@@ -93,21 +91,12 @@ def _all_of(terminal: int, process: subprocess.Popen[bytes]) -> str:
     return shown.decode()
 
 
-def test_other_keys_do_nothing() -> None:
-    asked: list[str] = []
-
-    class Noting(Replayer):
-        def toggle(self) -> None:
-            asked.append("toggle")
-
-        def skip(self, seconds: float) -> None:
-            asked.append(f"skip {seconds:g}")
-
-        def stop(self) -> None:
-            asked.append("stop")
-
-    press(Noting(), b"x\x1b[A\x1b[D y\x1b[C\xff+-=q\x1b")
-    assert asked == ["skip -10", "toggle", "skip 10", "stop"]
+def test_keys_do_what_is_told_of_them_and_others_nothing() -> None:
+    asked = Mock(Replayer, speed=Fraction(3))
+    press(asked, b"x\x1b[A\x1b[D y\x1b[C\xff+-=q\x1b")
+    speeds = [call.set_speed(speed) for speed in (6, Fraction(3, 2), 6)]
+    told = [call.skip(-10), call.toggle(), call.skip(10), *speeds, call.stop()]
+    assert asked.mock_calls == told
 
 
 def test_keys_of_a_destination_stand_behind_its_address() -> None:
@@ -193,14 +182,7 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
 
 def test_what_is_whole_of_a_damaged_file_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "feed.jsonl"
-    from plotfeed.replay.files import JsonLinesWriter
-
-    with path.open("wb") as file:
-        writer = JsonLinesWriter(file)
-        for each in plots(3):
-            writer.write(each)
-        writer.close()
-        file.write(b"{broken\n")
+    path.write_bytes(written(JsonLinesWriter, plots(3)) + b"{broken\n")
     with receiver() as ears:
         done = plotfeed("replay", path, "--udp", place(ears), "--speed", "max")
         assert heard(ears) == [r.payload for r in plots(3)]
@@ -210,8 +192,10 @@ def test_what_is_whole_of_a_damaged_file_is_replayed(tmp_path: Path) -> None:
 
 def test_nothing_can_be_asked_of_a_replay_that_is_not_there() -> None:
     control = Replayer()
-    for ask in (control.pause, control.resume, control.toggle, lambda: control.seek(5),
-                lambda: control.skip(1), lambda: control.set_speed(control.speed)):  # fmt: skip
+    for ask in (control.pause, control.resume, control.toggle):
         ask()
+    control.seek(5)
+    control.skip(1)
+    control.set_speed(control.speed)
     assert control.position == (0, 0)
     assert not control.is_paused
