@@ -216,6 +216,17 @@ def test_nothing_of_a_plot_is_left_for_the_next() -> None:
         assert reports[2].range_bearing.range == 100.0
 
 
+def test_an_error_of_a_plot_is_not_that_of_the_next() -> None:
+    """Of two plots with one info each, of which the second has no error."""
+    mixed = Plots.joined([
+        plots(azimuth_deg=1.0, bistatic_range_m=7.0, sigma_bistatic_range_m=2.0),
+        plots(azimuth_deg=1.0, snr=10.0),
+    ])  # fmt: skip
+    found = DetectionEncoder(NODE).messages(T_NS, mixed)
+    infos = [checked(payload).detection_report.object_info for payload in found]
+    assert [[info.HasField("error") for info in told] for told in infos] == [[True], [False]]
+
+
 def test_every_detection_has_an_object_of_its_own_and_the_time_of_all() -> None:
     encoder = DetectionEncoder(NODE)
     found = [checked(p) for p in encoder.messages(T_NS, plots(500, azimuth_deg=1.0))]
