@@ -1,3 +1,5 @@
+"""Recordings made of others: in every format of every other, and of several of one session."""
+
 from __future__ import annotations
 
 import csv
@@ -5,6 +7,7 @@ import json
 import os
 import subprocess
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,9 +26,11 @@ from support.recordings import (
     block_048,
     mcap_of,
     message,
+    messages,
     plots,
     stored,
 )
+from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.recording.convert import convert_recording
@@ -42,7 +47,7 @@ from plotfeed.proto.content_types import (
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, format_of
 from plotfeed.replay.mcap import McapReader
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 Capture = pytest.CaptureFixture[str]
 BATCH = protobuf_content_type(PLOT_BATCH)
@@ -53,11 +58,11 @@ BOTH_WAYS = [FileFormat.MCAP, FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW,
 
 def read(path: Path, date_utc_ns: int = 0) -> list[Recorded]:
     with ForeignReader(path, date_utc_ns=date_utc_ns) as recording:
-        messages = list(recording.messages())
+        found = list(recording.messages())
         assert recording.damage == []
         assert 0 <= recording.at <= recording.octets == path.stat().st_size
         assert (recording.format, recording.skipped) == (format_of(path), 0)
-    return messages
+    return found
 
 
 def convert(source: Path, target: Path, **settings: Any) -> int:
@@ -353,3 +358,114 @@ def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
     again = plotfeed_here("convert", source, target, "--to", "jsonl")
     assert again.returncode == 2
     assert again.stderr.startswith(f"plotfeed: {target}: is there already")
+
+
+# Recordings of one session's workers made one, which all commands read as if of one process.
+
+SENSORS = ("north", "south", "west")
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of one process that served all sensors."""
+    folder = tmp_path_factory.mktemp("session")
+    link = "link = { latency_ms = 40.0, jitter_ms = 9.0, duplicate = 0.3 }\n"
+    sensors = "".join(radar(name, more=link) for name in SENSORS)
+    text = scene_text(sensors=sensors, start_utc="2026-01-01T12:00:00Z", port=1)
+    scene, path = scene_file(folder, text), folder / "single.mcap"
+    how = ("--broker", "none", "--speed", "max", "--duration", "6", "--json")
+    assert plotfeed_here("run", scene, "--record", path, *how).returncode == 0
+    return path
+
+
+def whole(path: Path) -> tuple[list[Recorded], list[Attachment]]:
+    with McapReader(path) as log:
+        found = [log.attachment(entry.name) for entry in log.attachments()]
+        return list(log.messages()), [each for each in found if each is not None]
+
+
+def log_of(path: Path, recorded: Iterable[Recorded], *attachments: Attachment) -> Path:
+    path.write_bytes(mcap_of(recorded, attachments=attachments))
+    return path
+
+
+def in_order(recorded: Sequence[Recorded]) -> list[tuple[object, ...]]:
+    """Messages by time, and those of one time in some order."""
+    return sorted((m.log_time_ns, str(m.stage), *m) for m in recorded)
+
+
+def test_workers_recordings_become_that_of_one_process(single: Path, tmp_path: Path) -> None:
+    expected, attachments = whole(single)
+
+    def sensor_of(m: Recorded) -> str:
+        named = dict(m.properties).get("sensor", "") or m.topic.split("/")[1]
+        return named if named in SENSORS else ""  # of the whole session
+
+    workers = []
+    for name in SENSORS:
+        own = [m for m in expected if sensor_of(m) in ("", name)]
+        workers.append(log_of(tmp_path / f"{name}.mcap", own, *attachments))
+    target = tmp_path / "all.mcap"
+    done = plotfeed_here("merge", *workers, target, "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    found, with_it = whole(target)
+    assert in_order(found) == in_order(expected)
+    assert [each.data for each in with_it] == [each.data for each in attachments]
+    shared = sum(not sensor_of(m) for m in expected)
+    assert shared > 0
+    assert (told["messages"], told["twice"]) == (len(expected), 2 * shared)
+    assert sum(told["of"].values()) == len(expected) + 2 * shared
+    times = [each.log_time_ns for each in found]
+    assert times == sorted(times)
+
+
+def test_a_message_that_both_hold_comes_once_and_one_that_came_twice_comes_twice(
+    tmp_path: Path,
+) -> None:
+    def later(m: Recorded) -> Recorded:
+        """The same message, recorded later by somebody else."""
+        return m._replace(log_time_ns=m.log_time_ns + 500 * MS)
+
+    one, two, three = messages(3)
+    # And telemetry that several workers took in.
+    came = [message(b"%d" % n, START_NS + n * MS, stage=Stage.TELEMETRY) for n in range(5)]
+    for first, second, expected in (
+        ([one, two, two], [later(one), later(two), three], [one, two, two, three]),
+        (came[:4], [later(each) for each in came[2:]], [*came[:4], later(came[4])]),
+    ):
+        sources = [
+            log_of(tmp_path / f"{n}.mcap", each, SCENE) for n, each in enumerate((first, second))
+        ]
+        done = plotfeed_here("merge", *sources, tmp_path / "all.mcap", "--force")
+        assert "left out 2 messages that another recording has" in done.stdout
+        assert in_order(whole(tmp_path / "all.mcap")[0]) == in_order(expected)
+
+
+def test_what_is_not_of_one_session_is_refused_in_a_line(single: Path, tmp_path: Path) -> None:
+    recorded, (scene, *_) = whole(single)
+    other = Attachment(name=scene.name, media_type="", data=scene.data + b"# other\n")
+    paths = {
+        "other": log_of(tmp_path / "other.mcap", recorded[:9], other),
+        "bare": log_of(tmp_path / "bare.mcap", recorded[:9]),
+        "copy": log_of(tmp_path / "copy.mcap", recorded[:9], scene),
+    }
+    (tmp_path / "broken.mcap").write_bytes(b"no recording")
+    out = tmp_path / "out.mcap"
+    for arguments, said in (
+        ((single, paths["other"], out), "holds another scene than"),
+        ((single, paths["bare"], out), "holds no scene"),
+        ((single, out), "expected two recordings or more"),
+        ((single, single, out), "a recording is there twice"),
+        ((single, paths["copy"], single), "is what is read"),
+        ((single, paths["other"], tmp_path / "out.ast"), "expected a name that ends in .mcap"),
+        ((single, tmp_path / "broken.mcap", out), "expected an MCAP file"),
+        ((single, tmp_path / "none.mcap", out), "No such file"),
+    ):
+        done = plotfeed_here("merge", *arguments)
+        assert done.returncode != 0, said
+        assert said in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+        assert not out.exists()
+    again = plotfeed_here("merge", single, paths["copy"], log_of(out, recorded[:5], scene))
+    assert "is there already; --force" in again.stderr

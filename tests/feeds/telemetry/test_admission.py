@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.held_sizes import held
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.scene_drones import trajectories_of
@@ -34,7 +33,6 @@ from plotfeed.feeds.telemetry.position_report import (
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver, look_back_s
 from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import AltitudeReference, Floats
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
 
@@ -131,13 +129,12 @@ class Door:
     def tick(self, *drones: str) -> None:
         """A report of each comes, and is taken in."""
         self.now_ns += TICK_NS
+        payload = hovering(self.now_ns - 1).to_protobuf()
         for drone in drones:
-            self.queue.put(
-                f"plotfeed/telemetry/{drone}", hovering(self.now_ns - 1).to_protobuf(), None
-            )
+            self.queue.put(f"plotfeed/telemetry/{drone}", payload, None)
         while self.queue:
-            for refusal in self.receiver.take_together(self.queue.take(128), self.now_ns):
-                self.told.append(json.loads(refusal.payload))
+            refusals = self.receiver.take_together(self.queue.take(128), self.now_ns)
+            self.told += [json.loads(refusal.payload) for refusal in refusals]
 
     def wait(self, seconds: float) -> None:
         self.now_ns += round(seconds * S)
@@ -238,22 +235,6 @@ def test_names_beyond_the_rate_get_in_as_they_come_again(tmp_path: Path) -> None
     assert 20 * 5 - 20 < door.receiver.refusals[Reason.TOO_MANY_NEW_DRONES] < 120 * 45
 
 
-def test_hours_of_new_names_leave_nothing_behind(tmp_path: Path) -> None:
-    """Whatever the intake holds: names, courses, samples, queues, refusals."""
-    door, sizes = Door(scene_of(tmp_path)), []
-    for hour in range(12):
-        for quarter in range(4):
-            names = [f"{hour}-{quarter}-{i}" for i in range(100)]
-            for _ in range(2 if hour % 2 else 1):
-                door.tick(*names, "stays")
-            door.wait(899.0)
-        sizes.append(held(door.receiver, door.trajectories, door.queue))
-    assert door.receiver.taken > 4800
-    assert len(door.known) == 0
-    assert max(sizes[2:]) <= 1.05 * np.median(sizes[:4])
-    assert door.receiver.forgotten == 12 * 4 * 101
-
-
 SITE = LocalFrame(40.45, -3.73, 650.0)
 MAX_SPEED_M_S, G_M_S2 = 150.0, 9.80665
 TOPIC = "plotfeed/telemetry/d"
@@ -274,13 +255,8 @@ def report(
     )
 
 
-class Sent:
+class Sent(Door):
     """A receiver to which one drone's reports come, each when it is made."""
-
-    def __init__(self, scene: Scene) -> None:
-        self.trajectories: Trajectories = trajectories_of(scene)
-        self.receiver = TelemetryReceiver(scene, self.trajectories)
-        self.told: list[dict[str, str]] = []
 
     def say(
         self,
@@ -490,11 +466,6 @@ def of_two(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return load(scene_file(tmp_path_factory.mktemp("two"), text))
 
 
-def make(scene: Scene) -> tuple[TelemetryReceiver, Trajectories]:
-    trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
-    return TelemetryReceiver(scene, trajectories), trajectories
-
-
 def bytes_of(seconds: float = 0.0, **changes: Any) -> bytes:
     message = pb.Telemetry(
         latitude_deg=40.0, longitude_deg=-3.0, altitude_m=700.0, altitude_reference=pb.ELLIPSOID
@@ -538,7 +509,8 @@ NOT_OF_ONE_REPORT = {
 @pytest.mark.parametrize("reason", REFUSED, ids=str)
 def test_a_refusal_is_published_with_its_reason(reason: Reason, of_two: Scene) -> None:
     assert {*REFUSED} == {*Reason} - NOT_OF_ONE_REPORT
-    receiver, trajectories = make(of_two)
+    door = Door(of_two)
+    receiver, trajectories = door.receiver, door.trajectories
     receiver.take("plotfeed/telemetry/known", bytes_of(-1.0), PROTOBUF, NOW)
     if reason is Reason.TOO_MANY_DRONES:
         receiver.take("plotfeed/telemetry/second", bytes_of(-1.0), PROTOBUF, NOW)
@@ -563,7 +535,8 @@ def test_a_refusal_is_published_with_its_reason(reason: Reason, of_two: Scene) -
 
 def test_the_datum_of_the_scene_is_added(tmp_path: Path) -> None:
     text = scene_text(telemetry="takeoff_height_m = 650.0\ngeoid_undulation_m = 51.0", port=1883)
-    receiver, trajectories = make(load(scene_file(tmp_path, text)))
+    door = Door(load(scene_file(tmp_path, text)))
+    receiver, trajectories = door.receiver, door.trajectories
     for drone, reference, altitude_m in (
         ("a", pb.ELLIPSOID, 751.0),
         ("b", pb.MEAN_SEA_LEVEL, 700.0),
@@ -583,7 +556,7 @@ def test_the_datum_of_the_scene_is_added(tmp_path: Path) -> None:
 
 
 def test_refusals_are_published_up_to_a_rate_and_all_are_counted(of_two: Scene) -> None:
-    receiver, _ = make(of_two)
+    receiver = Door(of_two).receiver
 
     def take(t_ns: int) -> Message | None:
         return receiver.take("plotfeed/telemetry/a", b"\xff", PROTOBUF, t_ns)
@@ -597,7 +570,8 @@ def test_refusals_are_published_up_to_a_rate_and_all_are_counted(of_two: Scene) 
 
 
 def test_a_class_that_is_reported_is_that_of_the_drone_and_of_its_echoes(of_two: Scene) -> None:
-    receiver, trajectories = make(of_two)
+    door = Door(of_two)
+    receiver, trajectories = door.receiver, door.trajectories
     said = bytes_of(-0.1, target_class="aircraft", size_m=35.8, rcs_m2=20.0)
     assert receiver.take("t/telemetry/airliner", said, PROTOBUF, NOW) is None
     assert receiver.take("t/telemetry/own", bytes_of(-0.1), PROTOBUF, NOW) is None
