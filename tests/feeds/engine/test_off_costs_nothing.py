@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import linecache
 import re
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -95,21 +93,11 @@ def text_of(place: Place) -> str:
     return linecache.getline(*place).strip()
 
 
-def engine_of(sensor: dict[str, Any], drones: int = 3) -> Engine:
+def engine_of(sensor: dict[str, Any]) -> Engine:
     """With drones in its first octant that are detected."""
     near_m = 200.0 if sensor["type"] == "acoustic" else 2000.0  # sound takes its time
-    flown = [
-        held(
-            f"d{i}",
-            10.0 + i,
-            12.0,
-            near_m * (1 + 0.1 * i),
-            rcs_m2=1.0,
-            sound_power_db=120.0,
-            emitters=[EMITTER],
-        )
-        for i in range(drones)
-    ]
+    keys = {"rcs_m2": 1.0, "sound_power_db": 120.0, "emitters": [EMITTER]}
+    flown = [held(f"d{i}", 10.0 + i, 12.0, near_m * (1 + 0.1 * i), **keys) for i in range(3)]
     return Engine(scene([sensor], flown, seed=1), START_NS)
 
 
@@ -119,7 +107,6 @@ def next_sector(engine: Engine) -> Batch:
     return batch
 
 
-@cache
 def executed(kind: str) -> Counter[Place]:
     """By a second scan, when what is made once has been made."""
     engine = engine_of(SENSORS[kind])
@@ -128,33 +115,21 @@ def executed(kind: str) -> Counter[Place]:
     return instructions_of(lambda: next_sector(engine))
 
 
-KINDS = pytest.mark.parametrize("kind", SENSORS)
-
-
-@KINDS
-def test_nothing_runs_of_what_is_not_named(kind: str) -> None:
+@pytest.mark.parametrize("kind", SENSORS)
+def test_nothing_runs_of_what_is_not_named_and_to_ask_takes_less_than_a_fiftieth(kind: str) -> None:
     counts = executed(kind)
-    of_effects = {
-        text_of(place) for place in counts if Path(place[0]).parts[-3:-1] == ("models", "effects")
-    }
-    assert not of_effects
-
-
-@KINDS
-def test_to_ask_takes_less_than_a_fiftieth(kind: str) -> None:
-    counts = executed(kind)
+    effects = [one for one in counts if Path(one[0]).parts[-3:-1] == ("models", "effects")]
+    assert not {text_of(place) for place in effects}
     asking = sum(n for place, n in counts.items() if QUESTIONS.search(text_of(place)))
     assert 0 < asking < counts.total() / 50, f"{asking} of {counts.total()}"
 
 
-@KINDS
+@pytest.mark.parametrize("kind", SENSORS)
 def test_the_test_sees_what_is_named(kind: str) -> None:
     """With everything on, the same count finds the effects' modules."""
-    known = set(_keys_of(kind))
-    engine = engine_of(SENSORS[kind] | {k: v for k, v in EVERYTHING.items() if k in known})
+    known = EVERYTHING.keys() & sensors.SENSORS[SENSORS[kind]["type"]].model_fields
+    engine = engine_of(SENSORS[kind] | {key: EVERYTHING[key] for key in known})
     counts = instructions_of(lambda: next_sector(engine))
-    stems = {Path(file).stem for file, _ in counts}
-    assert "readings" in stems
     modules = {
         "doppler": {"doppler", "merging"},
         "classifier": {"classification"},
@@ -164,37 +139,14 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
         "antenna": {"echo_effects"},
         "multipath": {"surroundings"},
     }
-    for key in known & modules.keys():
-        assert modules[key] <= stems
+    wanted = {"readings"}.union(*(modules[key] for key in known & modules.keys()))
+    assert wanted <= {Path(file).stem for file, _ in counts}
 
 
 def test_what_stands_in_the_way_is_seen_too(tmp_path: Path) -> None:
-    elevation = [write_ridge(tmp_path, height_m=700)]
-    made = scene([SENSORS["staring"]], [held("d", 10.0, 12.0, 2000.0)], seed=1, folder=tmp_path,
-                 terrain={"elevation": elevation})  # fmt: skip
+    terrain = {"elevation": [write_ridge(tmp_path, height_m=700)]}
+    drones = [held("d", 10.0, 12.0, 2000.0)]
+    made = scene([radar()], drones, seed=1, folder=tmp_path, terrain=terrain)
     engine = Engine(made, START_NS)
     counts = instructions_of(lambda: next_sector(engine))
     assert {"line_of_sight", "surroundings"} <= {Path(file).stem for file, _ in counts}
-
-
-@pytest.mark.parametrize(
-    ("begins", "besides"),
-    [
-        ("cli.run", {"plotfeed.feeds.lab", "plotfeed.models.effects.merging"}),
-        ("page.run_with_page", {"plotfeed.feeds.lab.evidence", "plotfeed.feeds.lab.oracle"}),
-    ],
-)
-def test_a_session_begins_without_what_few_scenes_need(begins: str, besides: set[str]) -> None:
-    few = {"scipy.stats", "scipy.optimize", "scipy.sparse", "scipy.spatial", "ray", "sapient_msg"}
-    few |= besides
-    code = (
-        f"import sys; import plotfeed.feeds.{begins}; "
-        "from plotfeed.feeds.scene.scene import example; example('section-4'); "
-        f"print(*{few} & sys.modules.keys())"
-    )
-    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert told.stdout.split() == []
-
-
-def _keys_of(kind: str) -> list[str]:
-    return list(sensors.SENSORS[SENSORS[kind]["type"]].model_fields)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from support.command import plotfeed_here
 from support.hills import METRES_PER_DEG, SIDE, TILE, footprint, write_buildings, write_ridge
-from support.scene_files import radar as radar_text
-from support.scene_files import scene_file, scene_text
+from support.scene_files import DRONE, scene_file, scene_text
 
 from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.engine.terrain_files import Horizons, ground_of, horizons_of, walls_of
 from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.models.effects.line_of_sight import Ground
 from plotfeed.models.frames import geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.testing import SITE, START_NS, held, radar, scene
@@ -29,12 +29,15 @@ def named(folder: Path, **terrain: Any) -> Scene:
     return scene([radar()], seed=1, folder=folder, terrain=terrain)
 
 
+def ground(folder: Path, file: str, above: str = "ellipsoid") -> Ground:
+    found = ground_of(named(folder, elevation=[file], elevation_above=above))
+    assert found is not None
+    return found
+
+
 def test_a_tile_lies_where_its_name_says_and_is_above_the_sea(tmp_path: Path) -> None:
     write_ridge(tmp_path, height_m=800)
-    above_sea = ground_of(named(tmp_path, elevation=[TILE]))
-    plain = ground_of(named(tmp_path, elevation=[TILE], elevation_above="ellipsoid"))
-    assert above_sea is not None
-    assert plain is not None
+    above_sea, plain = ground(tmp_path, TILE, "sea-level"), ground(tmp_path, TILE)
     north = HERE[0] + 3000 / METRES_PER_DEG
     assert plain.height_m(*HERE) == pytest.approx(500.0)
     assert plain.height_m(north, HERE[1]) == pytest.approx(800.0)
@@ -42,8 +45,7 @@ def test_a_tile_lies_where_its_name_says_and_is_above_the_sea(tmp_path: Path) ->
     np.testing.assert_allclose(above_sea.height_m(*HERE), 500.0 + undulation_m)
     assert np.isnan(plain.height_m(HERE[0] + 1, HERE[1])).all()
     write_ridge(tmp_path, height_m=800, name="S41W004.hgt")
-    south = ground_of(named(tmp_path, elevation=["S41W004.hgt"], elevation_above="ellipsoid"))
-    assert south is not None
+    south = ground(tmp_path, "S41W004.hgt")
     assert south.height_m(-HERE[0], HERE[1]) == pytest.approx(500.0)
 
 
@@ -59,14 +61,12 @@ def test_a_geotiff_in_any_projection_is_the_same_ground(tmp_path: Path) -> None:
     how |= {"nodata": -9999.0, "transform": place, "driver": "GTiff"}
     with rasterio.open(tmp_path / "utm.tif", "w", **how) as file:
         file.write(metres, 1)
-    ground = ground_of(named(tmp_path, elevation=["utm.tif"], elevation_above="ellipsoid"))
-    assert ground is not None
     offsets = np.array([-3000.0, -200.0, 200.0, 3000.0]) / METRES_PER_DEG
-    found = ground.height_m(HERE[0] + offsets, HERE[1] + 0 * offsets)
+    found = ground(tmp_path, "utm.tif").height_m(HERE[0] + offsets, HERE[1] + 0 * offsets)
     np.testing.assert_allclose(found, [700.0, 700.0, 900.0, 900.0])
     (tmp_path / "no.tif").write_bytes(b"II*\0nothing")
     with pytest.raises(PlotfeedError, match=r"no\.tif: not a GeoTIFF file that can be read"):
-        ground_of(named(tmp_path, elevation=["no.tif"]))
+        ground(tmp_path, "no.tif")
 
 
 def test_without_rasterio_the_extra_is_named(
@@ -74,7 +74,7 @@ def test_without_rasterio_the_extra_is_named(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "rasterio", None)
     with pytest.raises(PlotfeedError, match=r"needs rasterio: pip install 'plotfeed\[terrain\]'"):
-        ground_of(named(tmp_path, elevation=["some.tif"]))
+        ground(tmp_path, "some.tif")
 
 
 def polygon(coordinates: Any, height: Any = 10) -> str:
@@ -84,6 +84,8 @@ def polygon(coordinates: Any, height: Any = 10) -> str:
 
 
 SQUARE = [[-3.7, 40.4], [-3.6, 40.4], [-3.6, 40.5]]
+HEIGHT = "feature 0: expected its height in metres as"
+RINGS = "feature 0: expected rings of longitude and latitude"
 
 
 @pytest.mark.parametrize(
@@ -95,17 +97,13 @@ SQUARE = [[-3.7, 40.4], [-3.6, 40.4], [-3.6, 40.5]]
         ("N40W004.asc", "", r"expected a name that ends in \.hgt or \.tif"),
         ("c.geojson", "{", "not JSON"),
         ("c.geojson", "[]", "expected GeoJSON, an object with features"),
-        (
-            "c.geojson",
-            polygon([SQUARE], None),
-            "feature 0: expected its height .* 'height', not None",
-        ),
-        ("c.geojson", polygon([SQUARE], "tall"), "feature 0: expected its height in metres as"),
-        ("c.geojson", polygon([SQUARE], float("nan")), "feature 0: expected its height in metres"),
-        ("c.geojson", polygon([SQUARE[:2]]), "feature 0: expected rings of longitude and latitude"),
-        ("c.geojson", polygon([[[400, 1], [2, 3], [4, 5]]]), "feature 0: expected rings of"),
-        ("c.geojson", polygon([["a", "b", "c"]]), "feature 0: expected rings of longitude"),
-        ("c.geojson", polygon(7), "feature 0: expected rings of longitude"),
+        ("c.geojson", polygon([SQUARE], None), "0: expected its height .* 'height', not None"),
+        ("c.geojson", polygon([SQUARE], "tall"), HEIGHT),
+        ("c.geojson", polygon([SQUARE], float("nan")), HEIGHT),
+        ("c.geojson", polygon([SQUARE[:2]]), RINGS),
+        ("c.geojson", polygon([[[400, 1], [2, 3], [4, 5]]]), RINGS),
+        ("c.geojson", polygon([["a", "b", "c"]]), RINGS),
+        ("c.geojson", polygon(7), RINGS),
     ],
 )
 def test_a_file_without_use_is_refused_in_a_line(
@@ -157,25 +155,20 @@ def test_a_recording_brings_horizons_along_and_is_run_again_without_the_files(
     tmp_path: Path,
 ) -> None:
     write_ridge(tmp_path, height_m=760)
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar_text(), port=1883) + RIDGE
-    drone = text.replace(
-        "north_m = 800.0, above_site_m = 200.0", "north_m = 5000.0, above_site_m = 60"
-    )
-    path, record = scene_file(tmp_path, drone), tmp_path / "record.mcap"
-    done = plotfeed_here("run", path, "--duration", "4", "--record", record, *SIMULATED)
-    assert done.returncode == 0, done.stderr
-    (tmp_path / TILE).unlink()
-    again = tmp_path / "again.mcap"
-    done = plotfeed_here("run", record, "--record", again, *SIMULATED)
-    assert done.returncode == 0, done.stderr
+    near, behind = "north_m = 800.0, above_site_m = 200.0", "north_m = 5e3, above_site_m = 60.0"
+    drones = DRONE.replace(near, behind)
+    start = "2026-01-01T12:00:00Z"
+    path = scene_file(tmp_path, scene_text(start_utc=start, port=1883, drones=drones) + RIDGE)
+    record, again, looks = tmp_path / "record.mcap", tmp_path / "again.mcap", []
+    for what, file in (([path, "--duration", "4"], record), ([record], again)):
+        done = plotfeed_here("run", *what, "--record", file, *SIMULATED)
+        assert done.returncode == 0, done.stderr
+        (tmp_path / TILE).unlink(missing_ok=True)
+        shown = plotfeed_here("show", file, "--list", "--topic", "plotfeed/truth").stdout
+        looks.append([line for line in shown.splitlines() if "look" in line])
     assert record.stat().st_size < 2 * SIDE * SIDE
-    lists = [
-        plotfeed_here("show", file, "--list", "--topic", "plotfeed/truth").stdout.splitlines()
-        for file in (record, again)
-    ]
-    first, second = ([line for line in lines if "look" in line] for lines in lists)
-    assert first
-    assert first == second
+    assert looks[0]
+    assert looks[0] == looks[1]
 
 
 def test_horizons_are_the_same_after_a_recording_and_damage_is_told(tmp_path: Path) -> None:

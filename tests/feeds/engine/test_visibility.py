@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,9 @@ from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.engine.visibility import SEEN_PD, Outlook, Sightline
 from plotfeed.feeds.scene.scene import Scene, from_tree, load
 from plotfeed.feeds.testing.built_scene import toml_of
-from plotfeed.models.truth import Trajectories
+from plotfeed.testing import START_NS, staring
+from plotfeed.testing import scene as built
 
-START_NS = 1_767_268_800_000_000_000
 SECONDS = 8.0
 # Hindrances of what no sensor looks at.
 WITHIN = {"range", "elevation", "direction", "nothing to sense", "off"}
@@ -36,7 +37,7 @@ def looks_by_itself(sensor: dict[str, Any]) -> bool:
 
 
 def outlook_of(scene: Scene) -> Outlook:
-    trajectories: Trajectories = trajectories_of(scene)
+    trajectories = trajectories_of(scene)
     launch(scene, trajectories, START_NS)
     return Outlook(scene, EmulatedSensors(scene, trajectories), trajectories, START_NS)
 
@@ -95,26 +96,21 @@ def test_what_is_foretold_is_what_is_looked_at(seed: int) -> None:
     assert compared > 1
 
 
+def tables(drones: Iterable[dict[str, Any]]) -> str:
+    return "".join(f"[[drone]]\n{toml_of(drone)}" for drone in drones)
+
+
 def sightlines(folder: Path, *drones: dict[str, Any], sensors: str, **more: str) -> list[Sightline]:
-    listed = "".join(f"[[drone]]\n{toml_of(drone)}" for drone in drones)
-    scene = load(scene_file(folder, scene_text(sensors=sensors, drones=listed, **more)))
+    text = scene_text(sensors=sensors, drones=tables(drones), **more)
+    scene = load(scene_file(folder, text))
     return list(outlook_of(scene).sightlines(scene.fleet.names))
 
 
-EYE = """
-[[sensor]]
-id = "eye"
-type = "camera"
-range_max_m = 3000.0
-horizontal_fov_deg = 60.0
-pan_deg = 90.0
-tilt_deg = 10.0
-pixels_across = 6000
-pixels_down = 4000
-[sensor.scan]
-kind = "staring"
-period_s = 1.0
-"""
+CAMERA = {
+    "id": "eye", "type": "camera", "scan": staring(), "range_max_m": 3000.0, "pan_deg": 90.0,
+    "horizontal_fov_deg": 60.0, "tilt_deg": 10.0, "pixels_across": 6000, "pixels_down": 4000,
+}  # fmt: skip
+EYE = f"[[sensor]]\n{toml_of(CAMERA)}"
 
 
 @pytest.mark.parametrize(
@@ -149,13 +145,10 @@ def test_hills_hide_and_the_ground_covers(tmp_path: Path) -> None:
 
 def test_from_when_to_when_goes_by_flight_and_events(tmp_path: Path) -> None:
     """In at 10 km after 400 of 800 s; the radar is off from 500 s to 600 s."""
-    way = [
-        {"east_m": 0.0, "north_m": north_m, "above_site_m": 100.0} for north_m in (18_000.0, 2000.0)
-    ]
+    way = [{"east_m": 0.0, "north_m": m, "above_site_m": 100.0} for m in (18_000.0, 2000.0)]
     drone = standing("d", 0, 0, 0) | {"speed_m_s": 20.0, "path": way, "rcs_m2": 1.0}
     off = "[[sensor.event]]\nfrom_s = 500.0\nto_s = 600.0\nset = { enabled = false }\n"
-    sensors = radar() + off
-    (line,) = sightlines(tmp_path, drone, sensors=sensors)
+    (line,) = sightlines(tmp_path, drone, sensors=radar() + off)
     step_s = 800 / 63
     (begins_s, until_s), (again_s, ends_s) = line.spans_s
     assert 400 <= begins_s <= 400 + step_s
@@ -165,21 +158,12 @@ def test_from_when_to_when_goes_by_flight_and_events(tmp_path: Path) -> None:
     assert 0.5 < line.pd[0] < line.pd[1] <= 1.0
 
 
-UNSEEN = [
-    standing("overhead", 0, 0, 300),
-    standing("far", 500e3, 0, 300),
-    standing("mole", 0, 1000, -800),
-    standing("seen", 0, 1000, 100),
-]
-
-
-def unseen_scene(folder: Path) -> Path:
-    drones = "".join(f"[[drone]]\n{toml_of(drone)}" for drone in UNSEEN)
-    return scene_file(folder, scene_text(drones=drones))
+PLACES = {"overhead": (0, 0, 300), "far": (500e3, 0, 300), "mole": (0, 1000, -800)}
+UNSEEN = [standing(name, *at_m) for name, at_m in (PLACES | {"seen": (0, 1000, 100)}).items()]
 
 
 def test_check_and_run_say_who_sees_whom_and_why_not(tmp_path: Path) -> None:
-    scene = unseen_scene(tmp_path)
+    scene = scene_file(tmp_path, scene_text(drones=tables(UNSEEN)))
     found = json.loads(plotfeed_here("check", scene, "--json").stdout)
     told = {each["drone"]: each for each in found["visibility"]["drones"]}
     assert found["visibility"]["pd_at_least"] == SEEN_PD
@@ -209,23 +193,13 @@ def test_check_and_run_say_who_sees_whom_and_why_not(tmp_path: Path) -> None:
 
 def test_of_many_drones_all_are_asked_after_and_some_explained() -> None:
     """200 sensors and 600 drones, of which 100 are out of reach of all."""
-    east_m = [n * 300.0 for n in range(200)]
+    gate = {"type": "range_gate", "sigma_m": 0.0, "range_max_m": 2000.0, "scan": staring()}
     sensors = [
-        {
-            "id": f"gate-{n}",
-            "type": "range_gate",
-            "sigma_m": 0.0,
-            "range_max_m": 2000.0,
-            "position_enu_m": [at_m, 0.0, 0.0],
-            "scan": {"kind": "staring", "period_s": 1.0},
-        }
-        for n, at_m in enumerate(east_m)
+        gate | {"id": f"gate-{n}", "position_enu_m": [n * 300.0, 0.0, 0.0]} for n in range(200)
     ]
     near = [standing(f"near-{n}", n * 100.0, 500.0, 100.0) for n in range(500)]
     far = [standing(f"far-{n}", n * 100.0, 5000.0, 100.0) for n in range(100)]
-    general = {"scene": random_tree(1)["scene"]}
-    tree = general | {"sensor": sensors, "drone": [*near, *far]}
-    outlook = outlook_of(from_tree(tree, Path("scene.toml")))
+    outlook = outlook_of(built(sensors, [*near, *far], seed=1))
     unseen = outlook.unseen()
     assert list(unseen) == [drone["id"] for drone in far]
     assert "4.6 km away" in unseen["far-0"] or "5 km away" in unseen["far-0"]
