@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.messages.message import Message
@@ -118,6 +118,7 @@ def test_who_has_subscribed_to_a_topic_hears_it_with_what_a_version_can_carry_an
 
 
 @given(octets=st.binary(max_size=200), version=versions, greets=st.booleans())
+@example(octets=b"\xf0\x00", version=5, greets=True)  # an AUTH
 def test_rubbish_ends_its_own_connection_at_most(octets: bytes, version: int, greets: bool) -> None:
     one = broker()
     ears = Peer(one, 5)

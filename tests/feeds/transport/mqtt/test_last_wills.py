@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -14,13 +13,12 @@ from support.deliveries import NOBODY
 from support.own_time import in_own_time
 from support.scripted_broker import hearing
 from support.servers import proxied
-from support.waiting import PATIENCE_S, until
+from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.transport.mqtt import client, connection
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import LastWills, MqttTransport
-from plotfeed.testing import MqttReceiver
 
 SENSORS = [f"s{i}" for i in range(25)]
 LEAVE_S = 2.0  # For what a broker that was killed may have taken with it
@@ -32,55 +30,39 @@ def number_up(wills: LastWills) -> int:
 
 
 def status(sensor: str, state: str) -> Message:
-    payload = json.dumps({"sensor": sensor, "state": state}).encode()
-    return Message(
-        topic=f"p/{sensor}/status",
-        payload=payload,
-        content_type="application/json",
-        due_utc_ns=0,
-        retain=True,
-        qos=1,
-    )
+    return Message(f"p/{sensor}/status", state.encode(), "text/plain", 0, retain=True, qos=1)
 
 
 @asynccontextmanager
 async def placed(
-    port: int,
-    sensors: Sequence[str] = SENSORS,
-    versions: tuple[int, ...] = (5, 4),
-    says_goodbye: bool = True,
+    port: int, *, says_goodbye: bool = True
 ) -> AsyncIterator[tuple[LastWills, list[str]]]:
     """With a link that says ONLINE, and whose wills came back."""
-    link = MqttTransport(BrokerAddress("127.0.0.1", port, versions), "test")
-    back: list[str] = []
+    link, back = MqttTransport(BrokerAddress("127.0.0.1", port), "test"), list[str]()
+
+    def is_there(sensor: str) -> None:
+        link.publish([status(sensor, "ONLINE").again(NOBODY, 1)])
 
     def is_back(sensor: str) -> None:
         back.append(sensor)
-        link.publish([status(sensor, "ONLINE").again(NOBODY, 1)])
+        is_there(sensor)
 
-    there = LastWills(link, {s: status(s, "OFFLINE") for s in sensors}, is_back)
-    async with link.connected(PATIENCE_S):
-        running = asyncio.create_task(there.run())
+    there = LastWills(link, {s: status(s, "OFFLINE") for s in SENSORS}, is_back)
+    async with link.connected(PATIENCE_S), kept_up(there.run()):
         await there.wait_until_up()
-        for sensor in sensors:
-            link.publish([status(sensor, "ONLINE").again(NOBODY, 1)])
+        for sensor in SENSORS:
+            is_there(sensor)
         await link.drain(PATIENCE_S)
-        try:
-            yield there, back
-        finally:
-            await link.drain(LEAVE_S)
-            if says_goodbye:
-                there.forget()
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
+        yield there, back
+        await link.drain(LEAVE_S)
+        if says_goodbye:
+            there.forget()
 
 
-def all_states(ears: MqttReceiver | list[tuple[str, bytes]]) -> dict[str, list[str]]:
-    if isinstance(ears, MqttReceiver):
-        ears = [(m.topic, m.payload) for m in ears.heard]
+def all_states(ears: list[tuple[str, bytes]]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {sensor: [] for sensor in SENSORS}
     for topic, payload in ears:
-        found[topic.split("/")[1]].append(json.loads(payload)["state"])
+        found[topic.split("/")[1]].append(payload.decode())
     return found
 
 
@@ -95,16 +77,17 @@ async def test_wills_that_were_cut_off_are_told_and_what_comes_back_is_told_anew
     """By mosquitto; those that say goodbye have no will, those that break have one."""
     monkeypatch.setattr(client, "LOOK_EVERY_S", 0.02)
     port, states = free_port(), ["ONLINE", "OFFLINE", "ONLINE"]
-    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
-        async with proxied(port) as proxy, placed(proxy.port) as (there, back):
-            await until(lambda: all_states(ears) == were("ONLINE"))
-            proxy.cut()
-            await until(lambda: all_states(ears) == were(*states))
-            assert sorted(back) == sorted(SENSORS)
-            assert number_up(there) == len(SENSORS)
-        async with placed(port, says_goodbye=False):
-            await until(lambda: all_states(ears) == were(*states, "ONLINE"))
-        await until(lambda: all_states(ears) == were(*states, "ONLINE", "OFFLINE"))
+    with mosquitto(tmp_path, port):
+        async with hearing(port, "p/+/status") as ears:
+            async with proxied(port) as proxy, placed(proxy.port) as (there, back):
+                await until(lambda: all_states(ears) == were("ONLINE"))
+                proxy.cut()
+                await until(lambda: all_states(ears) == were(*states))
+                assert sorted(back) == sorted(SENSORS)
+                assert number_up(there) == len(SENSORS)
+            async with placed(port, says_goodbye=False):
+                await until(lambda: all_states(ears) == were(*states, "ONLINE"))
+            await until(lambda: all_states(ears) == were(*states, "ONLINE", "OFFLINE"))
 
 
 @in_own_time

@@ -26,6 +26,7 @@ from plotfeed.feeds.transport.mqtt.connection import (
     KEEP_ALIVE_S,
     MAX_UNACKNOWLEDGED,
     MqttConnection,
+    MqttError,
 )
 from plotfeed.feeds.transport.mqtt.packets import acknowledgements, publish_packet
 from plotfeed.feeds.transport.mqtt.send_queue import (
@@ -389,6 +390,13 @@ async def test_a_broker_that_may_be_waited_for_is_waited_for_and_that_is_told(
         f"waits for the MQTT broker mqtt://127.0.0.1:{broker.port} (Connect call failed "
         f"('127.0.0.1', {broker.port})); stop: Ctrl-C"
     ]
+
+
+@in_own_time
+async def test_a_refusal_is_told_in_words() -> None:
+    with pytest.raises(MqttError, match="it refuses: banned"):
+        async with linked(ScriptedBroker(code=0x8A)):
+            pass
 
 
 @in_own_time

@@ -10,6 +10,7 @@ import json
 import re
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from support.brokers import broker_here, mosquitto_with
@@ -176,34 +177,23 @@ async def test_where_the_subscription_is_not_granted_nobody_can_tell(
     assert told == []
 
 
-class Asked:
-    """A connection that says nothing by itself."""
-
-    def __init__(self) -> None:
-        self.subscribed: list[str] = []
-
-    def subscribe(self, topic_filter: str) -> None:
-        self.subscribed.append(topic_filter)
-
-    def unsubscribe(self, topic: str) -> None:
-        self.subscribed.remove(topic)
-
-
 @in_own_time
 async def test_what_comes_meanwhile_may_stand_before_it_in_a_backlog(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     """As a broker's answers do to what it passes on, under a flood."""
-    told, asked = list[bool](), Asked()
+    told, subscribed = list[bool](), list[str]()
+    # A connection that says nothing by itself.
+    asked = SimpleNamespace(subscribe=subscribed.append, unsubscribe=subscribed.remove)
     echo = OwnEcho(BrokerAddress("127.0.0.1", 1883, (5,)), [], told.append)
-    echo.begin(asked)  # type: ignore[arg-type]
+    echo.begin(asked)
     for payload in (b"seen", b"sampled", b"before the answer"):
         if payload == b"before the answer":
             echo.answered(None)
         echo.published([Message("plotfeed/north/plots", payload, "", 0)])
     await asyncio.sleep(own_echo.WAIT_S + 0.1)
     echo.answered(None)
-    assert asked.subscribed == ["plotfeed/north/plots"] * 2
+    assert subscribed == ["plotfeed/north/plots"] * 2
     for _ in range(10):
         assert not echo.heard("plotfeed/telemetry/flood", b"")
         await asyncio.sleep(own_echo.WAIT_S)
@@ -214,8 +204,8 @@ async def test_what_comes_meanwhile_may_stand_before_it_in_a_backlog(
     plots = [Message("plotfeed/north/plots", b"again", "", 0)]
     for seconds, is_sampled in ((own_echo.NEXT_S, False), (own_echo.QUIET_S, True)):
         await asyncio.sleep(seconds + 0.1)  # a topic is sampled once in a round
-        before = len(asked.subscribed)
+        before = len(subscribed)
         for _ in range(2):
             echo.published(plots)
-        assert len(asked.subscribed) - before == is_sampled
+        assert len(subscribed) - before == is_sampled
     echo.begin(None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import count
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -178,12 +177,12 @@ def test_messages_of_all_clients_leave_in_their_order_also_when_they_come_back()
 
 
 class Transport:
-    """Tells of its buffer as asyncio's do."""
+    """Tells what watches its buffer of it, as asyncio's do."""
 
-    def __init__(self) -> None:
-        self.protocol = SimpleNamespace()
+    def __init__(self, now_s: Callable[[], float] = lambda: 0.0) -> None:
         self.written = self.taken = self.room = 0
         self.paused = self.closing = False
+        self.watch = SocketBuffer(self, lambda: None, now_s)  # type: ignore[arg-type]
 
     def get_write_buffer_size(self) -> int:
         return self.written - self.taken
@@ -199,7 +198,7 @@ class Transport:
         self.written += octets
         if self.get_write_buffer_size() > 1 and not self.paused:
             self.paused = True
-            self.protocol.pause_writing()
+            self.watch.hold()
 
     def take(self, octets: int) -> None:
         self.room += octets
@@ -208,15 +207,7 @@ class Transport:
         self.room -= now
         if self.paused and not self.get_write_buffer_size():
             self.paused = False
-            self.protocol.resume_writing()
-
-
-def watching(transport: Transport, now_s: Callable[[], float] = lambda: 0.0) -> SocketBuffer:
-    """What its protocol tells."""
-    buffer = SocketBuffer(transport, lambda: None, now_s)  # type: ignore[arg-type]
-    transport.protocol.pause_writing = buffer.hold
-    transport.protocol.resume_writing = buffer.release
-    return buffer
+            self.watch.release()
 
 
 steps = st.lists(
@@ -237,9 +228,7 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(send_queue, "MAX_UNSENT_OCTETS", 1000)
         transport, deliveries = Transport(), Deliveries()
-        watch = watching(transport)
-        ends: list[int] = []
-        pings = 0
+        watch, pings, ends = transport.watch, 0, list[int]()
         for step, sizes in steps:
             left = sum(sizes)
             if step == "take":
@@ -275,8 +264,8 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
 
 def test_it_is_stuck_when_nothing_moves_for_long_and_not_when_anything_does() -> None:
     now_s = 0.0
-    transport = Transport()
-    watch = watching(transport, lambda: now_s)
+    transport = Transport(lambda: now_s)
+    watch = transport.watch
     now_s = 1000.0
     assert not watch.is_stuck()  # nothing is to be sent
     watch.write(bytes(1000))
