@@ -148,31 +148,29 @@ def test_content_types_tell_asterix_from_other_payloads() -> None:
     assert {each.payload: each.content_type for each in messages} == cases
 
 
+def changed(packet: bytes, at: int, octets: bytes) -> bytes:
+    """With these octets in place of as many."""
+    return packet[:at] + octets + packet[at + len(octets) :]
+
+
 def test_ip_options_and_extension_headers_are_passed_over() -> None:
-    plain = frame()
-    options = b"\x94\4\0\0"
-    four = plain[:IP] + b"\x46" + plain[IP + 1 : IP + 2]
-    four += (24 + 8 + len(PLOT)).to_bytes(2, "big") + plain[IP + 4 : IP + 20] + options
-    plain_6 = frame(six=True)
-    six = plain_6[: IP + 4] + (24 + 8 + len(PLOT)).to_bytes(2, "big") + b"\0" + plain_6[IP + 7 :]
-    hop_by_hop, destination = b"\x3c\0\1\4\0\0\0\0", b"\x11\1" + bytes(14)
-    six = six[: IP + 40] + hop_by_hop + destination + six[IP + 40 :]
-    assert payloads(pcap(four + plain[IP + 20 :], six)) == [PLOT, PLOT]
+    length, options = (24 + 8 + len(PLOT)).to_bytes(2, "big"), b"\x94\4\0\0"
+    four = changed(changed(frame(), IP, b"\x46"), IP + 2, length)
+    six = changed(frame(six=True), IP + 4, length + b"\0")
+    extensions = b"\x3c\0\1\4\0\0\0\0" + b"\x11\1" + bytes(14)  # hop by hop, destination
+    four = four[: IP + 20] + options + four[IP + 20 :]
+    six = six[: IP + 40] + extensions + six[IP + 40 :]
+    assert payloads(pcap(four, six)) == [PLOT, PLOT]
 
 
 def test_fragments_are_damage_and_other_packets_are_counted() -> None:
-    def fragment(flags: int) -> bytes:
-        return frame()[: IP + 6] + flags.to_bytes(2, "big") + frame()[IP + 8 :]
-
-    six = frame(six=True)
-    tcp = frame()[: IP + 9] + b"\6" + frame()[IP + 10 :]
-    six_fragment = six[: IP + 6] + b"\x2c" + six[IP + 7 : IP + 40] + b"\x11\0\0\1\0\0\0\0"
-    arp = bytes(12) + b"\x08\x06" + bytes(28)
+    first, last = (changed(frame(), IP + 6, flags) for flags in (b"\x20\0", b"\0\x10"))
+    six = changed(frame(six=True), IP + 6, b"\x2c")[: IP + 40] + b"\x11\0\0\1\0\0\0\0"
+    tcp, arp = changed(frame(), IP + 9, b"\6"), bytes(12) + b"\x08\x06" + bytes(28)
     spanning_tree = bytes(12) + b"\0\x26" + bytes(40)
-    packets = [fragment(0x2000), arp, fragment(0x0010), spanning_tree, six_fragment, tcp, frame()]
+    packets = [first, arp, last, spanning_tree, six, tcp, frame()]
     messages, reader = read(PcapReader, pcap(*packets))
-    assert len(messages) == 1
-    assert reader.skipped == 3
+    assert (len(messages), reader.skipped) == (1, 3)
     assert ["fragment" in each.what for each in reader.damage] == [True] * 3
     assert reader.damage[0].offset == 24
 
@@ -347,10 +345,10 @@ def test_another_payload_has_its_own_lengths_and_checksums(payload: bytes, six: 
     plain = frame(six=six)
     data = pcap(plain[:MAC] + VLAN + plain[MAC:] + bytes(9), more=5, snap=0)
     (was,) = messages_of(data)
-    changed = written(PcapWriter, [was._replace(payload=payload)])
-    (now,) = messages_of(changed)
+    rewritten = written(PcapWriter, [was._replace(payload=payload)])
+    (now,) = messages_of(rewritten)
     assert (now.payload, now.topic) == (payload, was.topic)
-    ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
+    ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(rewritten))
     made = frame(payload, six=six)
     assert octets == plain[:MAC] + VLAN + made[MAC:]
     assert LENGTH not in dict(now.properties)
@@ -361,24 +359,26 @@ def test_options_and_time_to_live_stay_with_another_payload() -> None:
     head = bytearray(plain[14:34] + b"\x94\4\0\0" + plain[34:42])
     head[0], head[8] = 0x46, 3
     (was,) = messages_of(pcap(bytes(head[:2] + b"\0\x2e" + head[4:]) + PLOT, link_type=RAW))
-    changed = written(PcapWriter, [was._replace(payload=PLOT * 2)])
-    assert payloads(changed) == [PLOT * 2]
-    ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
+    rewritten = written(PcapWriter, [was._replace(payload=PLOT * 2)])
+    assert payloads(rewritten) == [PLOT * 2]
+    ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(rewritten))
     ip = dpkt.ip.IP(octets)
     assert (ip.ttl, ip.opts, ip.len) == (3, b"\x94\4\0\0", len(octets))
 
 
-def test_another_destination_or_source_is_a_packet_of_its_own() -> None:
+def test_another_destination_source_or_link_layer_is_a_packet_of_its_own() -> None:
     (was,) = messages_of(pcap(frame(link_type=RAW), link_type=RAW))
     there = was._replace(topic="udp/239.9.9.9/8601")
     here = was._replace(properties=((SOURCE, "10.9.9.9/1"), *was.properties[1:]))
     elsewhere = was._replace(topic="plotfeed/radar/asterix/048")
-    got = messages_of(written(PcapWriter, [was, there, here, elsewhere]))
+    (ethernet,) = messages_of(pcap(frame()))
+    got = messages_of(written(PcapWriter, [was, there, here, elsewhere, ethernet]))
     assert [each.topic for each in got] == [
-        was.topic, "udp/239.9.9.9/8601", was.topic, "udp/127.1.0.0/8600"
+        was.topic, "udp/239.9.9.9/8601", was.topic, "udp/127.1.0.0/8600", was.topic
     ]  # fmt: skip
     assert dict(got[2].properties)[SOURCE] == "10.9.9.9/1"
-    assert [each.payload for each in got] == [PLOT] * 4
+    assert [each.payload for each in got] == [PLOT] * 5
+    assert got[4] == was  # in the link layer of the first
 
 
 @pytest.mark.parametrize("link_type", [NULL, ETHERNET, RAW, COOKED, COOKED_2])
@@ -393,14 +393,6 @@ def test_messages_from_elsewhere_go_along_in_every_link_layer(
     path.write_bytes(data)
     lines = tshark_fields(path, "udp.dstport", "udp.checksum.status", "_ws.malformed")
     assert lines == [["8600", "1", ""]] * 3
-
-
-def test_packets_of_another_link_layer_than_that_of_the_first_are_made_anew() -> None:
-    (raw,) = messages_of(pcap(frame(link_type=RAW), link_type=RAW))
-    (ethernet,) = messages_of(pcap(frame()))
-    assert written(PcapWriter, [raw, ethernet._replace(log_time_ns=START_NS + 1_500_000)]) == (
-        pcap(frame(link_type=RAW), frame(link_type=RAW), link_type=RAW)
-    )
 
 
 def test_what_the_header_of_the_file_does_not_allow_is_told() -> None:
