@@ -80,12 +80,6 @@ def wrong(residuals: Residuals) -> set[str]:
     return {c.name for c, w in zip(found, wrong_at(found, 0.01), strict=True) if w}
 
 
-def test_where_all_is_right_one_in_a_hundred_is_called_wrong_at_most() -> None:
-    rng = np.random.default_rng(2)
-    failed = sum(bool(wrong(made_up(rng))) for _ in range(1000))
-    assert_chance(float(stats.binom.sf(failed - 1, 1000, 0.01)), f"{failed} of 1000")
-
-
 def test_errors_that_follow_each_other_are_not_taken_for_many() -> None:
     """Of 60 errors with a correlation of 0.6 there are 15; counted as 60, a quarter would fail."""
     rng = np.random.default_rng(4)

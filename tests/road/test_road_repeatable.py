@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.ledger_pb2 import LedgerBatch
 from plotfeed.proto.utc import NS
@@ -60,31 +59,9 @@ def run(seed: int = 81, *, sensors: Any = SENSORS, start_s: float = 0.0, **more:
     return fly(scene(sensors, flying, seed=seed), more.pop("duration_s", 30.0), start_ns)
 
 
-def test_two_sensors_alike_but_in_name_draw_their_own_lots() -> None:
-    twins = [SENSORS[1] | {"id": f"twin-{sic}", "sic": sic} for sic in (4, 5)]
-    road = run(sensors=twins)
-    left, right = (
-        {
-            (r.get("I048/040/RHO"), r.get("I048/040/THETA"))
-            for m in told(road, f"twin-{sic}")
-            if "048" in m.topic
-            for r in decode(m.payload)
-        }
-        for sic in (4, 5)
-    )
-    assert min(len(left), len(right)) > 100
-    assert len(left & right) < 0.05 * len(left)  # a drone twice in one cell
-
-
 def test_a_run_that_begins_later_says_the_same_of_the_scans_that_both_cover() -> None:
     """The drones of the earlier one take off when the later one begins."""
     earlier = run(start_s=7.0, duration_s=37.0)
     later = run(start_ns=START_NS + 7 * NS)
     assert told(earlier, since_ns=START_NS + 7 * NS) == told(later)
     assert len(told(later)) > 500
-
-
-def test_a_sensors_messages_do_not_depend_on_drones_out_of_its_cover() -> None:
-    alone = told(run(drones={"south"}), "south")
-    assert alone == told(run(), "south")
-    assert told(run(drones={"south"}), "staring") != told(run(), "staring")

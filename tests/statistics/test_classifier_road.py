@@ -12,29 +12,30 @@ from typing import Any
 import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.every_kind import MICROPHONES as ARRAY
+from support.every_kind import RF as FINDER
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.scene.sensors.effect_keys import ClassifierKeys
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.testing import START_NS, Feed, fly, held, radar, scene, staring
+from plotfeed.testing import START_NS, Feed, fly, held, radar, scene
 
 CLASSIFIER = {
     "claims": ["drone", "bird"],
     "confusion": {"drone": [0.9, 0.1], "bird": [0.25, 0.75]},
     "codes": {"drone": 7, "bird": 9},
 }
-MICROPHONES = {
-    "id": "mic", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 0.0,
-    "range_max_m": 1000.0, "azimuth_beamwidth_deg": 20.0, "classifier": CLASSIFIER,
+MICROPHONES = {name: value for name, value in ARRAY.items() if "elevation" not in name} | {
+    "id": "mic", "sensitivity_db": 0.0, "range_max_m": 1000.0, "classifier": CLASSIFIER,
     "report": ["asterix-015", "plots", "sapient"],
 }  # fmt: skip
-RF: dict[str, Any] = {
-    "id": "rf", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
-    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-    "range_max_m": 9000.0, "baseline_m": 0.2, "azimuth_floor_deg": 0.0,
-    "elevation_baseline_m": 0.1, "elevation_floor_deg": 0.0,
-}  # fmt: skip
+RF: dict[str, Any] = FINDER | {
+    "id": "rf",
+    "azimuth_floor_deg": 0.0,
+    "elevation_baseline_m": 0.1,
+    "elevation_floor_deg": 0.0,
+}
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0, "kind": "control"}
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.every_kind import FAR_SENSORS
+from support.every_kind import FAR_SENSORS, MICROPHONES, RF
 from support.significance import assert_law, assert_sum
 
 from plotfeed.feeds.engine.simulation import Simulation, simulate
@@ -23,12 +23,12 @@ ELEVATION_DEG = 5.0
 def microphones(**changes: Any) -> dict[str, Any]:
     """Section 4's, on the ground of the site."""
     paper = {
-        "id": "mic", "type": "acoustic", "scan": staring(), "noise_db": 0.0,
-        "sensitivity_db": 32.0, "microphones": 8, "absorption_db_per_km": 5.0,
-        "range_max_m": 1000.0, "azimuth_beamwidth_deg": 40.0, "azimuth_floor_deg": 0.0,
-        "height_above_ground_m": 1.5,
+        "id": "mic", "sensitivity_db": 32.0, "microphones": 8, "absorption_db_per_km": 5.0,
+        "range_max_m": 1000.0, "azimuth_beamwidth_deg": 40.0, "elevation_beamwidth_deg": None,
+        "azimuth_floor_deg": 0.0, "height_above_ground_m": 1.5,
     }  # fmt: skip
-    return paper | changes
+    keys = MICROPHONES | paper | changes
+    return {name: value for name, value in keys.items() if value is not None}
 
 
 def crossing(name: str, north_m: float, speed_m_s: float) -> dict[str, Any]:
@@ -92,17 +92,10 @@ def test_absorption_follows_from_the_air_unless_it_is_given() -> None:
 # Two microphone arrays through the whole road: places and covariances of what both hear.
 
 
-APART_M = 150.0
-
-
 def pair(**changes: Any) -> dict[str, Any]:
-    usual = {
-        "id": "pair", "type": "acoustic_pair", "scan": staring(), "noise_db": 0.0,
-        "sensitivity_db": 32.0, "microphones": 8, "absorption_db_per_km": 5.0,
-        "range_max_m": 800.0, "azimuth_beamwidth_deg": 40.0, "azimuth_floor_deg": 0.3,
-        "second_array": {"east_m": APART_M, "north_m": 0.0, "above_site_m": 0.0},
-    }  # fmt: skip
-    return usual | changes
+    apart = {"east_m": 150.0, "north_m": 0.0, "above_site_m": 0.0}
+    own = {"id": "pair", "type": "acoustic_pair", "second_array": apart, "range_max_m": 800.0}
+    return microphones(height_above_ground_m=None, azimuth_floor_deg=0.3) | own | changes
 
 
 def test_places_scatter_by_the_stated_covariance() -> None:
@@ -147,14 +140,12 @@ REMOTE_ID = {"frequency_hz": 2.437e9, "bandwidth_hz": 1e6, "eirp_dbm": 15.0, "ki
 
 def finder(**changes: Any) -> dict[str, Any]:
     """A direction finder of 1 MHz channels over a town."""
+    town = {"kind": "log-distance", "exponent": 3.0, "reference_m": 100.0}
     keys = {
-        "id": "rf", "type": "rf", "scan": staring(), "frequency_min_hz": 2.40e9,
-        "frequency_max_hz": 2.48e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-        "gain_rx_dbi": 3.0, "loss_db": 1.0, "pfa": PFA, "range_max_m": 20_000.0,
-        "path_loss": {"kind": "log-distance", "exponent": 3.0, "reference_m": 100.0},
-        "baseline_m": 0.06, "azimuth_floor_deg": 0.0,
+        "id": "rf", "frequency_max_hz": 2.48e9, "gain_rx_dbi": 3.0, "loss_db": 1.0, "pfa": PFA,
+        "range_max_m": 20_000.0, "path_loss": town, "baseline_m": 0.06, "azimuth_floor_deg": 0.0,
     }  # fmt: skip
-    return keys | changes
+    return RF | keys | changes
 
 
 def detector(**changes: Any) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from support.every_kind import MIMO, PASSIVE
 from support.significance import (
     Array,
     assert_counts,
@@ -27,7 +28,7 @@ from plotfeed.models.sensors.electronic_radar import CONFIRMATION, REVISIT, SEAR
 from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, Feed, flown, fly, held, radar, scene, staring, waypoint
+from plotfeed.testing import START_NS, Feed, flown, fly, held, radar, scene, waypoint
 
 LIGHT_M_S = 299_792_458.0
 AZIMUTH_DEG = 45.0  # Of the drones
@@ -50,13 +51,9 @@ THREE = [
 
 def passive(**changes: Any) -> dict[str, Any]:
     """The paper's section 4."""
-    paper = {
-        "id": "passive", "type": "passive_radar", "scan": staring(), "transmitters": [EAST],
-        "gain_rx_dbi": 2.0, "azimuth_beamwidth_deg": 2.0, "bistatic_range_floor_m": 0.0,
-        "azimuth_floor_deg": 0.0, "integration_s": 0.3, "external_noise_db": -4.45,
-        "azimuth_min_deg": 15.0, "azimuth_max_deg": 75.0, "range_max_m": 10_000.0,
-    }  # fmt: skip
-    return paper | changes
+    floors = {"bistatic_range_floor_m": 0.0, "azimuth_floor_deg": 0.0}
+    sector = {"azimuth_min_deg": 15.0, "azimuth_max_deg": 75.0}
+    return PASSIVE | {"id": "passive", "gain_rx_dbi": 2.0} | floors | sector | changes
 
 
 def transmitter_enu_m(transmitter: dict[str, Any]) -> Array:
@@ -152,32 +149,24 @@ def place(east_m: float, north_m: float, above_site_m: float) -> dict[str, float
     return {"east_m": east_m, "north_m": north_m, "above_site_m": above_site_m}
 
 
-def net(masts: int = 3, receivers: int = 1, **changes: Any) -> dict[str, Any]:
-    usual = {
-        "id": "net", "type": "multistatic_passive", "scan": staring(), "gain_rx_dbi": 10.0,
-        "transmitters": [
-            {"id": f"m{i}", "preset": "dvb-t", "erp_w": 1e5, "place": place(*where)}
-            for i, where in enumerate(MASTS[:masts])
-        ],
-        "receivers": [
-            {"id": f"r{i}"} | place(2500.0 * i, 800.0 * i * i, 5.0) for i in range(1, receivers)
-        ],
-        "azimuth_beamwidth_deg": 10.0, "integration_s": 0.3, "external_noise_db": -4.45,
-        "range_max_m": 9000.0, "bistatic_range_floor_m": 5.0, "report": ["plots"],
-    }  # fmt: skip
-    return usual | changes
+def net(receivers: int = 1, **changes: Any) -> dict[str, Any]:
+    masts = [
+        {"id": f"m{i}", "preset": "dvb-t", "erp_w": 1e5, "place": place(*where)}
+        for i, where in enumerate(MASTS)
+    ]
+    others = [{"id": f"r{i}"} | place(2500.0 * i, 800.0 * i * i, 5.0) for i in range(1, receivers)]
+    own = {"id": "net", "type": "multistatic_passive", "report": ["plots"], "range_max_m": 9000.0}
+    beams = {"azimuth_beamwidth_deg": 10.0, "bistatic_range_floor_m": 5.0}
+    return PASSIVE | own | beams | {"transmitters": masts, "receivers": others} | changes
 
 
-def mimo(**changes: Any) -> dict[str, Any]:
-    usual = {
-        "id": "net", "type": "multistatic_mimo", "scan": staring(), "frequency_hz": 15e9,
-        "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
-        "range_resolution_m": 20.0, "range_max_m": 9000.0, "azimuth_beamwidth_deg": 3.0,
-        "elevation_beamwidth_deg": 10.0, "elevation_min_deg": -5.0, "elevation_max_deg": 60.0,
+def mimo() -> dict[str, Any]:
+    return MIMO | {
+        "id": "net", "type": "multistatic_mimo", "range_resolution_m": 20.0, "range_max_m": 9000.0,
         "transmitters": [{"power_w": 2000.0} | place(900.0 * k, 0.0, 3.0) for k in range(2)],
         "receivers": [{"id": "r1"} | place(2500.0, 800.0, 5.0)], "report": ["plots"],
+        "elevation_min_deg": -5.0,
     }  # fmt: skip
-    return usual | changes
 
 
 def watched(sensor: dict[str, Any], drones: list[dict[str, Any]], scans: int) -> SimulatedSensor:
