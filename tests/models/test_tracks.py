@@ -35,6 +35,7 @@ from plotfeed.models.plain_tracker import (
     updated,
 )
 from plotfeed.models.state import Plots
+from plotfeed.models.track_metrics import nees
 from plotfeed.models.tracks import (
     AlphaBeta,
     LivingTracks,
@@ -425,9 +426,7 @@ def test_errors_are_as_large_as_their_covariances_say() -> None:
         states, spread = predicted(states, spread, np.ones(n), density)
         far2 = distances2(states, spread, measured_m, errors_m2)
         states, spread = updated(states, spread, measured_m, errors_m2)
-    off = states - truth
-    nees = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off)
-    for values, freedom in ((nees, 6), (far2, 3)):
+    for values, freedom in ((nees(states - truth, spread), 6), (far2, 3)):
         assert_chance(float(stats.kstest(values, stats.chi2(freedom).cdf).pvalue), str(freedom))
 
 

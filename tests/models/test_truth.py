@@ -126,17 +126,14 @@ def test_the_path_goes_through_every_sample_with_its_velocity_the_derivative() -
 def test_straight_flight_at_constant_speed_is_reproduced(
     velocity_ecef: Enu, steps_ms: list[int], share: float
 ) -> None:
-    paths = trajectories()
-    velocity = np.array(velocity_ecef)
+    paths, velocity = trajectories(), np.array(velocity_ecef)
     t_ms = [0, *np.cumsum(steps_ms).tolist()]
     for t in t_ms:
-        position = HOME.origin_ecef_m + velocity * t / 1e3
-        place = HOME.to_geodetic(HOME.from_ecef(position))
-        frame = LocalFrame(*(float(x) for x in place))
+        here = HOME.from_ecef(HOME.origin_ecef_m + velocity * t / 1e3)
+        frame = LocalFrame(*(float(x) for x in HOME.to_geodetic(here)))
         east, north, up = frame.rotate_from_ecef(velocity).tolist()
-        sample(paths, t / 1e3, HOME.from_ecef(position).tolist(), (east, north, up))
-    t_s = share * t_ms[-1] / 1e3
-    state = at(paths, t_s)
+        sample(paths, t / 1e3, here.tolist(), (east, north, up))
+    state = at(paths, share * t_ms[-1] / 1e3)
     expected = HOME.origin_ecef_m + velocity * (int(state.t_utc_ns[0]) - T0) / NS
     np.testing.assert_allclose(state.position_ecef_m[0], expected, atol=1e-7)
     np.testing.assert_allclose(state.velocity_ecef_m_s[0], velocity, atol=1e-4)
@@ -417,7 +414,7 @@ steps = st.lists(st.tuples(st.sampled_from("abcdefgh"), st.booleans()), max_size
 @given(steps)
 def test_drones_that_stay_keep_their_rows_and_their_states(steps: list[tuple[str, bool]]) -> None:
     """To the last bit what each would be alone; a name that comes again begins anew."""
-    together = Trajectories(stale_after_s=3.0)
+    together = trajectories()
     alone: dict[str, Trajectories] = {}
     rows: dict[str, int] = {}
     for k, (drone, goes) in enumerate(steps):
@@ -429,43 +426,42 @@ def test_drones_that_stay_keep_their_rows_and_their_states(steps: list[tuple[str
             assert others.isdisjoint(rows.values())
             del alone[drone]
         else:
-            own = alone.setdefault(drone, Trajectories(stale_after_s=3.0))
+            own = alone.setdefault(drone, trajectories())
             for into in (together, own):
                 say(into, drone, 0.2 * k, ord(drone))
             row = together.names.index(drone)
             free = [i for i in range(len(together.names)) if i not in rows.values()]
             assert row == rows.setdefault(drone, min(free, default=row))
         for asked_s in (0.2 * k - 1.0, 0.2 * k, 0.2 * k + 1.0):
-            t_utc_ns = T0 + round(asked_s * NS)
-            there = together.state_at(t_utc_ns)
-            found = {together.names[row]: i for i, row in enumerate(there.drone.tolist())}
-            assert found.keys() <= alone.keys()
-            for name, own in alone.items():
-                state = own.state_at(t_utc_ns)
-                assert (name in found) == bool(len(state))
-                if len(state):
-                    i = found[name]
-                    assert (there.position_ecef_m[i] == state.position_ecef_m[0]).all()
-                    assert (there.velocity_ecef_m_s[i] == state.velocity_ecef_m_s[0]).all()
-                    emitters = together.signatures.emitters[rows[name]]
-                    assert emitters == own.signatures.emitters[0]
+            there = at(together, asked_s)
+            names = [together.names[row] for row in there.drone.tolist()]
+            by_itself = {name: at(own, asked_s) for name, own in alone.items()}
+            assert sorted(names) == sorted(name for name, state in by_itself.items() if len(state))
+            for i, name in enumerate(names):
+                for column in ("position_ecef_m", "velocity_ecef_m_s"):
+                    found, own = (getattr(state, column) for state in (there, by_itself[name]))
+                    np.testing.assert_array_equal(found[i], own[0])
+        for name, row in rows.items():
+            (emitters,) = alone[name].signatures.emitters
+            assert together.signatures.emitters[row] == emitters
         assert len(together) == len(alone)
 
 
 def test_a_week_of_a_thousand_names_an_hour_holds_no_more_than_an_hour_of_them() -> None:
-    trajectories, sizes = Trajectories(stale_after_s=3.0), []
-    say(trajectories, "stays", 0.0, 1)
+    paths, sizes = trajectories(), []
+    say(paths, "stays", 0.0, 1)
+    signatures = Signatures(
+        rcs_m2=np.ones(1001), sound_power_db=np.ones(1001), emitters=[RADIO] * 1001
+    )
     for hour in range(168):
         names = [f"{hour}-{i}" for i in range(1000)]
-        n = len(names) + 1
-        t_utc_ns = np.full(n, T0 + hour * 3600 * NS + NS)
-        told = flight_of(t_utc_ns, np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, 1.0))
-        signatures = Signatures(rcs_m2=np.ones(n), sound_power_db=np.ones(n), emitters=[RADIO] * n)
-        trajectories.add_samples([*names, "stays"], told, signatures)
-        assert len(trajectories.state_at(int(t_utc_ns[0]))) == n
-        trajectories.forget(names)
-        sizes.append(held(trajectories))
-    assert trajectories.names == ["stays"]
+        t_utc_ns = np.full(1001, T0 + hour * 3600 * NS + NS)
+        told = flight_of(t_utc_ns, np.zeros((1001, 3)), np.zeros((1001, 3)), np.full(1001, 1.0))
+        paths.add_samples([*names, "stays"], told, signatures)
+        assert len(paths.state_at(int(t_utc_ns[0]))) == 1001
+        paths.forget(names)
+        sizes.append(held(paths))
+    assert paths.names == ["stays"]
     assert max(sizes) == sizes[0] < 20_000
 
 
@@ -725,15 +721,13 @@ def test_columns_are_those_of_the_drones(
 ) -> None:
     table, expected = EmitterTable(first), list(first)
     for _ in range(data.draw(st.integers(0, 12))):
-        if data.draw(st.booleans()):
-            new = data.draw(of_a_drone)
-            drone = data.draw(st.integers(0, len(expected)))
-            if drone == len(expected):
-                table.append(new)
-                expected.append(new)
-            else:
-                table[drone] = new
-                expected[drone] = new
+        new, drone = data.draw(of_a_drone), data.draw(st.integers(0, len(expected)))
+        if drone == len(expected):
+            table.append(new)
+            expected.append(new)
+        else:
+            table[drone] = new
+            expected[drone] = new
         drones = data.draw(st.lists(st.integers(0, len(expected) - 1), max_size=6))
         assert told(table, drones) == [
             (row, channel, emitter)

@@ -13,6 +13,7 @@ from support.significance import assert_law, assert_sum
 from plotfeed.feeds.engine.simulation import Simulation, simulate
 from plotfeed.models.effects.surroundings import CITIES
 from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.track_metrics import nees
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, scene, staring, waypoint
@@ -103,13 +104,11 @@ def test_places_scatter_by_the_stated_covariance() -> None:
     drone = held("d", 30.0, 0.1, 140.0, sound_power_db=115.0)
     plots = simulate(scene([pair()], [drone], seed=81), 300, start_utc_ns=START_NS)["pair"].plots
     assert len(plots) > 250
-    found = aer_to_enu(plots.azimuth_deg, 0.0, plots.range_m)[:, :2]
-    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)[:, :2]
-    east, north = (found - true).T
-    across = plots.covariance_east_north_m2
-    determinant = plots.covariance_east_m2 * plots.covariance_north_m2 - across**2
-    square = plots.covariance_north_m2 * east**2 + plots.covariance_east_m2 * north**2
-    assert_law((square - 2 * across * east * north) / determinant, lambda x: 1 - np.exp(-x / 2))
+    found = aer_to_enu(plots.azimuth_deg, 0.0, plots.range_m)
+    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
+    ee, nn, en = (getattr(plots, f"covariance_{of}_m2") for of in ("east", "north", "east_north"))
+    covariance = np.moveaxis(np.array([[ee, en], [en, nn]]), -1, 0)
+    assert_law(nees((found - true)[:, :2], covariance), lambda x: 1 - np.exp(-x / 2))
 
 
 def test_beams_in_elevation_give_a_height_and_category_015_has_ranges() -> None:

@@ -153,20 +153,17 @@ def test_spiky_clutter_crosses_a_fixed_threshold_as_often_as_the_k_distribution_
     made = scene([sensor], seed=8, clutter=[SEA | {"texture_stays": stays}])
     plots = simulate(made, 200, start_utc_ns=START_NS)["radar"].plots
     # Cells in a sector of 40 degrees from 2 to 4 km: as many in every ring.
-    cells = (4000 - 2000) / 40.0 * 40 / 4.0
-    chance = 0.0114228909934669
-    assert cells * chance * 200 > 800
-    mean = 200 * cells * chance
+    mean = 200 * (4000 - 2000) / 40.0 * 40 / 4.0 * 0.0114228909934669
+    assert mean > 800
     assert 0.8 < len(plots) / mean < 1.25  # corners of squares, and of this seed's map
     counts = np.bincount(plots.scan - plots.scan.min(), minlength=200)[:200]
     assert counts.var() / counts.mean() < 2.0
-    over = 2 ** ((plots.run_length_deg / 4.0) ** 2)  # power over the threshold
-    twice = np.exp(np.sqrt(20.0) - np.sqrt(40.0))  # the tail of this order is exp(-sqrt(2T))
+    twice = 2 ** ((plots.run_length_deg / 4.0) ** 2) > 2  # power over the threshold
     if stays:
-        assert 0.1 < np.mean(over > 2) < 0.25
-    else:
-        n = len(plots)
-        assert_sum(float((over > 2).sum()), n * twice, n * twice * (1 - twice), "spikes")
+        assert 0.1 < twice.mean() < 0.25
+    else:  # the tail of this order is exp(-sqrt(2T))
+        n, p = len(plots), np.exp(np.sqrt(20.0) - np.sqrt(40.0))
+        assert_sum(float(twice.sum()), n * p, n * p * (1 - p), "spikes")
 
 
 def told(**world: Any) -> Feed:

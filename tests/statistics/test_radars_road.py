@@ -26,6 +26,7 @@ from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.sensors.electronic_radar import CONFIRMATION, REVISIT, SEARCH
 from plotfeed.models.state import FALSE_ALARM
+from plotfeed.models.track_metrics import nees
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, Feed, flown, fly, held, radar, scene, waypoint
@@ -181,10 +182,9 @@ def test_places_scatter_by_the_stated_covariance(sensor: dict[str, Any]) -> None
     assert (plots.drone == 0).mean() > 0.98
     found = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
     true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
-    east, north = (found - true).T[:2]
     ee, nn, en = (getattr(plots, f"covariance_{of}_m2") for of in ("east", "north", "east_north"))
-    squares = (nn * east**2 + ee * north**2 - 2 * en * east * north) / (ee * nn - en**2)
-    assert 1.2 < squares.mean() < 2.6
+    covariance = np.moveaxis(np.array([[ee, en], [en, nn]]), -1, 0)
+    assert 1.2 < nees((found - true)[:, :2], covariance).mean() < 2.6
 
 
 def test_each_pair_looks_and_detects_by_itself() -> None:

@@ -24,6 +24,7 @@ from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution, ground_range_m
 from plotfeed.models.sensors.passive_radar import Illuminator, PassiveRadar
 from plotfeed.models.state import Floats
+from plotfeed.models.track_metrics import nees
 from plotfeed.testing import SITE, scene, staring
 
 PERIMETER = [
@@ -239,10 +240,10 @@ def test_positions_of_targets_of_the_heights_expected_err_as_stated(
     _, plots = model.observe(targets_at(places, rcs_m2=10.0), rng)
     assert len(plots) > 9_000
     true_enu_m = places[plots.drone]
-    de, dn, _ = (at(plots.azimuth_deg, plots.range_m, np.zeros(len(plots))) - true_enu_m).T
+    found_m = at(plots.azimuth_deg, plots.range_m, np.zeros(len(plots)))
     a, b, c = plots.covariance_east_m2, plots.covariance_north_m2, plots.covariance_east_north_m2
-    squares = (b * de**2 - 2 * c * de * dn + a * dn**2) / (a * b - c**2)
-    assert np.mean(squares) == pytest.approx(2.0, rel=0.03)
+    covariance_m2 = np.moveaxis(np.array([[a, c], [c, b]]), -1, 0)
+    assert nees((found_m - true_enu_m)[:, :2], covariance_m2).mean() == pytest.approx(2.0, rel=0.03)
     off_m = plots.range_m - np.hypot(true_enu_m[:, 0], true_enu_m[:, 1])
     assert abs(np.mean(off_m / plots.sigma_range_m)) < 0.04
     east, north, _ = aer_to_enu(plots.azimuth_deg, 0.0, 1.0).T
@@ -297,9 +298,9 @@ def test_places_scatter_by_the_covariance_where_heights_are_as_expected() -> Non
     noisy_m = range_sums_m(places_m, MASTS_M, np.zeros((3, 3))) + 20 * rng.standard_normal((n, 3))
     start_m = np.tile([1000.0, 2600.0, 60.0], (n, 1))
     found = solved(start_m, sightings(noisy_m, sigma_height_m=50.0))
-    error_m = found.place_m - places_m
-    nees = np.einsum("ni,nij,nj->n", error_m, np.linalg.inv(found.covariance_m2), error_m)
-    assert nees.mean() == pytest.approx(3.0, abs=0.12)
+    assert nees(found.place_m - places_m, found.covariance_m2).mean() == pytest.approx(
+        3.0, abs=0.12
+    )
     assert found.square.mean() == pytest.approx(1.0, abs=0.08)
 
 
