@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
-from support.command import plotfeed_here
 from support.recordings import block
 
 from plotfeed.feeds.recording.decoded_text import message_lines
@@ -16,10 +14,9 @@ from plotfeed.proto.content_types import ASTERIX
 from plotfeed.replay.asterix_files import record_counts
 
 
-def show(path: Path, *options: str) -> list[str]:
-    done = plotfeed_here("show", path, *options)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+def shown(data: bytes, style: Style = Style.LINE) -> list[str]:
+    categories = categories_of((), verbose=style is Style.TREE)
+    return list(message_lines("r/asterix", data, ASTERIX, style, categories))
 
 
 # A single plot of primary radar, 2 NM away, with a Mode 3/A code.
@@ -27,28 +24,26 @@ PLOT_001 = ("f0", "190d", "20", "01000200", "0fff")
 TRACK_001 = ("f0", "190d", "a0", "0102", "02000400")  # A track, whose third item is its number
 
 
-def test_a_category_of_others_is_decoded_by_libasterix(tmp_path: Path) -> None:
-    path = tmp_path / "others.ast"
-    plots, tracks = "".join(PLOT_001), "".join(TRACK_001)
-    sector = block(2, "f4", "190d", "02", "40", "0c8000", "1f00")
-    path.write_bytes(block(1, plots + tracks) + sector)
-    plot, track, north = show(path, "--list")
+NORTH_002 = ("f4", "190d", "02", "40", "0c8000", "1f00")
+
+
+def test_a_category_of_others_is_decoded_by_libasterix() -> None:
+    data = block(1, *PLOT_001, *TRACK_001)
+    plot, track, north = shown(data + block(2, *NORTH_002))
     assert plot.split("  ")[-3:] == [
         "020 TYP=0 SIM=0 SSRPSR=2 ANT=0 SPI=0 RAB=0",
         "040 RHO=2 THETA=2.8125",
         "070 V=0 G=0 L=0 MODE3A=7777",
     ]
     assert "161 258  " in track
-    assert north.startswith("CAT002  01:46:40.000  010 SAC=25 SIC=13  000 2  020 90")
-    (row,) = (line for line in show(path) if line.startswith("  asterix/001"))
-    assert row.split()[-2] == "2"
+    assert "CAT002  01:46:40.000  010 SAC=25 SIC=13  000 2  020 90" in north
+    assert record_counts(data, categories_of(())) == {1: 2}
 
 
-def test_a_tree_has_names_units_and_words(tmp_path: Path) -> None:
-    path = tmp_path / "plot.ast"
-    path.write_bytes(block(48, "f0", "190d", "0c8000", "20", "80004000"))
-    lines = show(path, "--verbose")
-    assert lines[0].startswith("CAT048  record of 11 octets, edition ")
+def test_a_tree_has_names_units_and_words() -> None:
+    (tree,) = shown(block(48, "f0", "190d", "0c8000", "20", "80004000"), Style.TREE)
+    lines = tree.splitlines()
+    assert "CAT048  record of 11 octets, edition " in lines[0]
     assert lines[1:] == [
         "  I048/010  Data Source Identifier",
         "    SAC  System Area Code: 25",
@@ -66,13 +61,12 @@ def test_a_tree_has_names_units_and_words(tmp_path: Path) -> None:
     ]
 
 
-def test_the_reserved_expansion_field_has_its_parts(tmp_path: Path) -> None:
+def test_the_reserved_expansion_field_has_its_parts() -> None:
     # I062/RE with the velocity relative to the system's reference point, 16 and -16 m/s.
-    path = tmp_path / "track.ast"
-    path.write_bytes(block(62, "8101010104", "190d", "06", "20", "0040ffc0"))
-    (line,) = show(path, "--list")
+    track = block(62, "8101010104", "190d", "06", "20", "0040ffc0")
+    (line,), (tree,) = shown(track), shown(track, Style.TREE)
     assert line.endswith("RE TVS=(VX=16 VY=-16)")
-    assert "      VX: 16 m/s" in show(path, "--verbose")
+    assert "      VX: 16 m/s" in tree.splitlines()
 
 
 @pytest.fixture
@@ -82,11 +76,6 @@ def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     standard.standard.cache_clear()
 
 
-def shown(data: bytes, style: Style = Style.LINE) -> list[str]:
-    return list(message_lines("r/asterix", data, ASTERIX, style, categories_of(())))
-
-
-NORTH_002 = ("f4", "190d", "02", "40", "0c8000", "1f00")
 CROSSING_002 = ("f0", "190d", "01", "20", "0c8040")
 INSTALL = "octets are not decoded; for names and values: pip install 'plotfeed[asterix]'"
 SOURCE = "  010 SAC=25 SIC=13  "

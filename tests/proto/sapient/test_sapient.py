@@ -276,10 +276,6 @@ def test_nonsense_is_refused_by_name(make: Callable[[], object], field: str) -> 
     assert caught.value.field == field
 
 
-NS = 1_000_000_000
-START = 1_767_268_800 * NS + 123_456_000
-
-
 def stamps(kind: Descriptor, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """The paths of all Timestamps in a message."""
     for field in kind.fields:
