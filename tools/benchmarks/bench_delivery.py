@@ -13,25 +13,22 @@ import statistics
 import tempfile
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
-import numpy as np
 from aims import YARDSTICK, aim, ratios, spread, yardstick_us
 from bench_engine import a_broker
+from support.every_kind import scene_of, seen
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_messages import ledger_messages
 from plotfeed.feeds.link.outbox import Outbox, prepare_all, send_all
-from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.models.beam import Sectors
-from plotfeed.models.state import Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 
 SENSORS, DEADLINES, RUNS = 200, 100, 3
@@ -131,58 +128,14 @@ def one_deadline(outboxes: list[Outbox], due_utc_ns: int, found: Found) -> None:
 
 
 def ledger_us(sectors: int, drones: int) -> float:
-    """A sector's entry with so many looks and plots, among so many others."""
-    rng, names = np.random.default_rng(1), [f"d{i}" for i in range(1000)]
-    n = sectors * drones
-    by = np.arange(sectors + 1) * drones
-    due_ns = np.full(n, 1_795_000_000_000_000_000) + np.arange(n)
-    looks = Looks(
-        drone=rng.integers(0, len(names), n),
-        channel=np.zeros(n, np.int64),
-        t_utc_ns=due_ns,
-        range_m=rng.random(n),
-        azimuth_deg=rng.random(n),
-        elevation_deg=rng.random(n),
-        snr=rng.random(n),
-        pd=rng.random(n),
-        detected=rng.random(n) < 0.9,
-    )
-    plots = Plots.of(
-        drone=looks.drone,
-        t_utc_ns=due_ns,
-        true_range_m=looks.range_m,
-        true_azimuth_deg=looks.azimuth_deg,
-        true_elevation_deg=looks.elevation_deg,
-    )
-    of = np.arange(sectors)
-    each = Sectors(
-        sensor=of,
-        scan=of,
-        index=of,
-        start_ns=due_ns[by[:-1]],
-        end_ns=due_ns[by[:-1]],
-        start_deg=np.zeros(sectors),
-        end_deg=np.zeros(sectors),
-        stares=np.zeros(sectors, np.bool_),
-    )
-    sensors = [f"r{i}" for i in range(sectors)]
-    sent = [messages(name, int(due_ns[0])) for name in sensors]
+    """A sector's entry of so many drones, that of one sensor among so many others."""
+    batch = seen(scene_of("staring", sectors, ["plots"], drones=drones), scans=1)
+    due_ns = int(batch.sectors.end_ns[0])
+    sent = [messages(sensor, due_ns) for sensor in batch.sensors]
     for one in chain.from_iterable(sent):
         one.fate, one.sent_utc_ns = pb.SENT, one.due_utc_ns
-    batch = Batch(
-        each,
-        plots,
-        by,
-        looks,
-        by,
-        sensors=sensors,
-        names=names,
-        messages=sent,
-        links=[""] * sectors,
-    )
-    kept = [(batch, row) for row in range(sectors)]
-
-    took = []
+    batch = replace(batch, messages=sent, links=[""] * sectors)
+    kept, took = [(batch, row) for row in range(sectors)], []
     for _ in range(20):
         start = time.process_time()
         ledger_messages("plotfeed", kept)

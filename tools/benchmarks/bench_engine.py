@@ -56,20 +56,14 @@ CASES = (
 )
 
 
-def scene_tree(sensors: list[dict[str, Any]], drones: int, **more: Any) -> dict[str, Any]:
+def drones(number: int) -> list[dict[str, Any]]:
     """Drones that fly to and fro within 9 km."""
     rng = np.random.default_rng(1)
 
     def place() -> dict[str, float]:
         return waypoint(rng.uniform(0, 360), 1.0, rng.uniform(1000, 9000))
 
-    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
-    return {
-        "scene": {"name": "load", "seed": 1, "site": site},
-        "sensor": sensors,
-        "drone": [flown(f"d{i}", place(), place()) for i in range(drones)],
-        **more,
-    }
+    return [flown(f"d{i}", place(), place()) for i in range(number)]
 
 
 def radars(number: int) -> list[dict[str, Any]]:
@@ -99,10 +93,11 @@ def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
             yield "own_broker", port
 
 
-def scene_text(sensors: list[dict[str, Any]], drones: int, **more: Any) -> str:
-    """A scene as a file has it."""
-    tree = scene_tree(sensors, drones, **more)
-    return toml_of(tree)
+def scene_text(sensors: list[dict[str, Any]], number: int, **more: Any) -> str:
+    """A scene with so many drones, as a file has it."""
+    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
+    general = {"name": "load", "seed": 1, "site": site}
+    return toml_of({"scene": general, "sensor": sensors, "drone": drones(number), **more})
 
 
 @dataclass(frozen=True, slots=True)

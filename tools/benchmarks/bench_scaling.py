@@ -28,7 +28,7 @@ from types import FrameType
 from typing import Any
 
 from aims import YARDSTICK, ratios, spread, yardstick_us
-from bench_engine import a_broker, radars, scene_tree
+from bench_engine import a_broker, drones, radars
 
 from plotfeed.feeds.console.process import (
     GARBAGE_OF_SESSION,
@@ -36,12 +36,12 @@ from plotfeed.feeds.console.process import (
     leave_alone_what_is_there,
     undisturbed,
 )
-from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto.utc import iso_utc
-from plotfeed.testing import MqttReceiver, radar, staring
+from plotfeed.testing import MqttReceiver, radar, scene, staring
 
 PICTURE = Path(__file__).parents[2] / "docs" / "scaling.png"
 # Seconds before the first look, and how many of a second each follow; in so many processes.
@@ -111,12 +111,12 @@ def sampled_rooms() -> Iterator[Counter[str]]:
         signal.signal(signal.SIGPROF, before)
 
 
-def tree_of(series: str, n: int) -> dict[str, Any]:
+def scene_of(series: str, n: int) -> Scene:
     """The scene of a point."""
     if series == "drones at 10 Hz":
-        return scene_tree(radars(TELEMETRY_RADARS), 0)
+        return scene(radars(TELEMETRY_RADARS), drones(0), seed=1)
     if series == "one radar, one drone":
-        return scene_tree(radars(1), 1)
+        return scene(radars(1), drones(1), seed=1)
     if series == "staring sensors":
         side = math.ceil(n**0.5)
         sensors = [
@@ -129,12 +129,12 @@ def tree_of(series: str, n: int) -> dict[str, Any]:
             )
             for i in range(n)
         ]
-        return scene_tree(sensors, SOME_DRONES)
+        return scene(sensors, drones(SOME_DRONES), seed=1)
     sensors = radars(n)
     if series == "radars, spread":
         for i, sensor in enumerate(sensors):  # their turns begin at multiples of their periods
             sensor["scan"] = {**sensor["scan"], "period_s": 1.0 + 1e-4 * i}
-    return scene_tree(sensors, SOME_DRONES)
+    return scene(sensors, drones(SOME_DRONES), seed=1)
 
 
 class Meter(Observer):
@@ -167,7 +167,7 @@ class Meter(Observer):
 def point(series: str, n: int) -> dict[str, Any]:
     """One of the points, in this process."""
     keep_freed()
-    scene = from_tree(tree_of(series, n), Path("scaling.toml"))
+    made = scene_of(series, n)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         _, port = stack.enter_context(a_broker(folder))
@@ -182,7 +182,7 @@ def point(series: str, n: int) -> dict[str, Any]:
         stack.enter_context(undisturbed(GARBAGE_OF_SESSION))
         totals = asyncio.run(
             run(
-                scene,
+                made,
                 clock=WallClock(),
                 broker=f"mqtt://127.0.0.1:{port}",
                 duration_s=SETTLED_S + WINDOWS + 0.5,

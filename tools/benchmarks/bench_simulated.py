@@ -14,43 +14,38 @@ import statistics
 import sys
 import time
 from collections.abc import Iterator
-from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
 
 from aims import YARDSTICK, aim, ratios, spread, table, yardstick_us
-from bench_engine import radars, scene_tree
+from bench_engine import drones, radars
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.testing import radar, staring
+from plotfeed.testing import START_NS, radar, scene, staring
 
 REPEATS, AIM = 5, 1500
 AIM_DRONES, AIM_PLOTS = 1000, 300_000
 # Radars in step, or one that stares; drones that the scene flies; simulated seconds.
 CASES = (
     *((1, 1, 240.0), (4, 10, 60.0), (20, 50, 12.0), (200, 50, 2.0)),
-    *(("stares", drones, 50_000 / drones) for drones in (100, AIM_DRONES, 5000)),
+    *(("stares", n, 50_000 / n) for n in (100, AIM_DRONES, 5000)),
 )
 SEEING = radar(scan=staring(), report=["asterix-048"], pfa=1e-8, power_w=5e6)
 Key = tuple[int | str, int, bool]
 
 
-def scene_of(number: int | str, drones: int, *, truth: bool) -> Any:
+def scene_of(number: int | str, flown: int, *, truth: bool) -> Scene:
     """One of the cases, with the ledger or without."""
     sensors = radars(number) if isinstance(number, int) else [SEEING]
-    tree = scene_tree(sensors, drones, mqtt={"truth": truth})
-    tree["scene"]["start_utc"] = datetime(2026, 1, 1, tzinfo=UTC)
-    return from_tree(tree, Path("simulated.toml"))
+    return scene(sensors, drones(flown), seed=1, mqtt={"truth": truth})
 
 
-def spent(scene: Any, seconds: float) -> tuple[float, SessionCounters]:
+def spent(made: Scene, seconds: float) -> tuple[float, SessionCounters]:
     """Processor time of a session so long, and its totals."""
-    clock, began_s = InstantClock(scene.scene.start_utc_ns), time.process_time()
-    totals = asyncio.run(run(scene, clock=clock, broker="none", duration_s=seconds))
+    clock, began_s = InstantClock(START_NS), time.process_time()
+    totals = asyncio.run(run(made, clock=clock, broker="none", duration_s=seconds))
     return time.process_time() - began_s, totals
 
 
@@ -63,21 +58,21 @@ def main() -> None:
     plots_s: dict[Key, list[float]] = {}
 
     def rows() -> Iterator[tuple[str, ...]]:
-        for number, drones, seconds in CASES:
+        for number, flown, seconds in CASES:
             for truth in (True, False):
-                scene, key = scene_of(number, drones, truth=truth), (number, drones, truth)
+                made, key = scene_of(number, flown, truth=truth), (number, flown, truth)
                 faster[key], plots_s[key], costs, yardsticks = [], [], [], []
                 for _ in range(repeats):
                     yardsticks.append(yardstick_us())
                     with undisturbed(GARBAGE_OF_SESSION):
-                        short_s, few = spent(scene, seconds / 4)
-                        long_s, many = spent(scene, seconds * 5 / 4)
+                        short_s, few = spent(made, seconds / 4)
+                        long_s, many = spent(made, seconds * 5 / 4)
                     took_s = long_s - short_s
                     faster[key].append(seconds / took_s)
                     plots_s[key].append((many.plots - few.plots) / took_s)
                     costs.append(1e6 * took_s / (many.messages - few.messages))
                 yield (
-                    *(f"{number}", f"{drones:,}", "yes" if truth else "no"),
+                    *(f"{number}", f"{flown:,}", "yes" if truth else "no"),
                     *(spread(faster[key], ",.1f"), spread(plots_s[key], ",.0f")),
                     *(spread(costs, ".1f"), spread(ratios(yardsticks, costs), ".1f")),
                 )

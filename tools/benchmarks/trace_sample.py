@@ -23,10 +23,10 @@ from bench_engine import radars
 from plotfeed import Engine
 from plotfeed.feeds.link.ledger_messages import ledger_messages
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.testing import scene
 
 START_NS, STEP_NS, WARM_S, COUNTED_S = 1_767_225_600 * NS, NS // 10, 5, 1
 AIM_FILES, AIM_FUNCTIONS = 30, 150
@@ -87,18 +87,7 @@ def traced(call: Any) -> tuple[set[Place], Any]:
 
 def main() -> None:
     """Prints a table."""
-    scene = from_tree(
-        {
-            "scene": {
-                "name": "way",
-                "seed": 1,
-                "site": {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0},
-            },
-            "sensor": radars(1),
-        },
-        Path("way.toml"),
-    )
-    engine = Engine(scene, START_NS)
+    engine = Engine(scene(radars(1), seed=1), START_NS)
     a_second = NS // STEP_NS
     fly(engine, range(WARM_S * a_second))
     counted = range(WARM_S * a_second, (WARM_S + COUNTED_S) * a_second)
