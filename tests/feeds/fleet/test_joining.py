@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -13,14 +12,14 @@ from support.sessions import AtWork, StallingClock
 
 from plotfeed.feeds.fleet.parts import load_of, partition, together
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.scene import Scene, example
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.models.beam import CULLED_FROM
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, fly, radar, rotating, scene, staring
+from plotfeed.testing import START_NS, fly, radar, rotating, scene
 
 DURATION_S = 5.0
 EVERY = tuple(sensor.id for sensor in mixed().sensor)
@@ -54,29 +53,19 @@ def test_what_follows_is_what_one_session_would_have_sent(
     at_s: float, whole: list[Message]
 ) -> None:
     at_ns = START_NS + round(at_s * NS)
-    assert by_topic(
-        part_flown(mixed(), part_of(EVERY), DURATION_S, InstantClock(at_ns)), at_ns
-    ) == by_topic(whole, at_ns)
+    found = part_flown(mixed(), part_of(EVERY), DURATION_S, InstantClock(at_ns))
+    assert by_topic(found, at_ns) == by_topic(whole, at_ns)
 
 
 def test_what_ends_and_what_joins_then_send_together_all_and_nothing_twice(
     whole: list[Message],
 ) -> None:
-    at_ns = START_NS + 5 * NS // 2
-    made = mixed()
-    before = [
-        by_topic(part_flown(made, part_of(sensors), (at_ns - START_NS) / NS))
-        for sensors in partition(made, 2)
-    ]
-    after = [
-        by_topic(part_flown(made, part_of(sensors), DURATION_S, InstantClock(at_ns)))
-        for sensors in partition(made, 3)
-    ]
-    found: dict[str, list[bytes]] = {}
-    for part in [*before, *after]:
-        for topic, payloads in part.items():
-            found[topic] = found.get(topic, []) + payloads
-    assert found == by_topic(whole)
+    at_ns, made, found = START_NS + 5 * NS // 2, mixed(), list[Message]()
+    for sensors in partition(made, 2):
+        found += part_flown(made, part_of(sensors), (at_ns - START_NS) / NS)
+    for sensors in partition(made, 3):
+        found += part_flown(made, part_of(sensors), DURATION_S, InstantClock(at_ns))
+    assert by_topic(found) == by_topic(whole)
 
 
 @pytest.mark.parametrize("stall_s", [0.4, 1.6])
@@ -117,12 +106,10 @@ def test_any_partition_sends_the_bytes_of_one_process() -> None:
     for n in (2, 7):
         parts = partition(made, n)
         assert len(parts) == n
-        together: dict[str, list[bytes]] = {}
-        for i, sensors in enumerate(parts):
-            found = by_topic(part_flown(made, part_of(sensors, i + 1, n), 4.0))
-            assert not together.keys() & found.keys(), n
-            together |= found
-        assert together == whole, n
+        found: list[Message] = []
+        for i, part in enumerate(parts, 1):
+            found += part_flown(made, part_of(part, i, n), 4.0)
+        assert by_topic(found) == whole, n
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -139,29 +126,23 @@ def test_every_sensor_is_in_one_part_and_parts_cost_about_the_same(seed: int) ->
     made = scene(sensors, seed=seed)
     parts = partition(made, 7)
     assert parts == partition(made, 7)
-    assert Counter(name for part in parts for name in part) == Counter(
-        sensor.id for sensor in made.sensor
-    )
+    assert sorted(sum(parts, ())) == sorted(sensor.id for sensor in made.sensor)
     load = {sensor.id: load_of(made, sensor) for sensor in made.sensor}
     of_parts = [sum(load[name] for name in part) for part in parts]
     assert max(of_parts) < 1.2 * np.mean(of_parts)
 
 
 def test_those_that_need_each_other_stay_together_and_leave_fewer_parts() -> None:
+    """A camera and who cues it, and the sensors of a system."""
     made = mixed()
-    number = dict(zip([sensor.id for sensor in made.sensor], together(made).tolist(), strict=True))
+    number = dict(zip(EVERY, together(made).tolist(), strict=True))
     assert number["camera"] == number["cues"]
-    assert len(set(number.values())) == len(number) - 1
-    assert len(partition(made, 100)) == 8
-    assert partition(made, 1) == [tuple(sensor.id for sensor in made.sensor)]
-
-
-def test_the_sensors_of_a_system_stay_together() -> None:
-    base = {"id": "s", "preset": "xpeller"}
-    made = scene([radar(id="alone", scan=staring())], seed=1, system=[base])
-    members = {sensor.id for sensor in made.sensor} - {"alone"}
+    assert len(set(number.values())) == len(number) - 1 == len(partition(made, 100))
+    assert partition(made, 1) == [EVERY]
+    system = scene([radar(id="alone")], seed=1, system=[{"id": "s", "preset": "xpeller"}])
+    members = {sensor.id for sensor in system.sensor} - {"alone"}
     assert len(members) > 1
-    assert sorted(map(len, partition(made, 9))) == [1, len(members)]
+    assert sorted(map(len, partition(system, 9))) == [1, len(members)]
 
 
 def test_neighbours_stay_together() -> None:
@@ -173,10 +154,3 @@ def test_neighbours_stay_together() -> None:
     ]
     parts = partition(scene(sensors, seed=1), 2)
     assert [{name[:4] for name in part} for part in parts] == [{"west"}, {"east"}]
-
-
-def test_shipped_scenes_can_be_shared_out() -> None:
-    for name in ("section-4", "city"):
-        made = example(name)
-        parts = partition(made, 2)
-        assert sorted(sum(parts, ())) == sorted(sensor.id for sensor in made.sensor)

@@ -61,25 +61,27 @@ async def test_the_parts_of_a_shipped_scene_send_what_one_process_does(
         ]
         await asyncio.gather(*sessions)
         messages = sum(map(len, whole.values()))
-        heard: dict[str, list[bytes]] = defaultdict(list)
 
-        def has_come() -> bool:
-            heard.clear()
-            for message in [*client.heard]:
-                if message.topic in whole:
-                    heard[message.topic].append(message.payload)
-            return sum(map(len, heard.values())) >= messages
+        def ended() -> bool:
+            """All of them have, and all has come."""
+            last = {m.topic: m.payload for m in [*client.heard] if "/fleet/" in m.topic}
+            states = [json.loads(last[f"plotfeed/fleet/{k}"])["state"] for k in (1, 2, 3)]
+            heard = sum(m.topic in whole for m in [*client.heard])
+            return states == ["ENDED"] * 3 and heard >= messages
 
-        def state(part: int) -> str:
-            said = [m.payload for m in [*client.heard] if m.topic == f"plotfeed/fleet/{part}"]
-            return str(json.loads(said[-1])["state"])
-
-        await until(has_come)
-        await until(lambda: {state(part) for part in (1, 2, 3)} == {"ENDED"})
-        said = {m.topic: json.loads(m.payload) for m in client.heard if "/fleet/" in m.topic}
+        await until(ended)
+    heard = defaultdict(list)
+    for message in client.heard:
+        if message.topic in whole:
+            heard[message.topic].append(message.payload)
     assert messages > 400
     assert heard == whole
-    assert not any(topic.endswith("/gaps") for topic in said)
+    assert not any(message.topic.endswith("/gaps") for message in client.heard)
+
+
+def only_part(scene: Scene, began_ns: int = START_NS) -> SessionPart:
+    """Of all sensors."""
+    return SessionPart(sensors=tuple(s.id for s in scene.sensor), began_utc_ns=began_ns)
 
 
 @pytest.mark.asyncio
@@ -92,12 +94,10 @@ async def test_a_part_that_may_not_read_its_own_status_says_so(
     rights.write_text("topic write plotfeed/#\n")
     rights.chmod(0o700)
     settings = f"listener {port} 127.0.0.1\nallow_anonymous true\nacl_file {rights}\n"
-    part = SessionPart(sensors=tuple(s.id for s in scene.sensor), began_utc_ns=START_NS)
-    with (
-        mosquitto(tmp_path, port, settings),
-        pytest.raises(MqttError, match="nothing comes back from plotfeed/fleet/1: does its access"),
-    ):
-        await run_part(part, scene=scene, clock=WallClock(), broker=f"mqtt://127.0.0.1:{port}")
+    told = "nothing comes back from plotfeed/fleet/1: does its access"
+    how = {"clock": WallClock(), "broker": f"mqtt://127.0.0.1:{port}"}
+    with mosquitto(tmp_path, port, settings), pytest.raises(MqttError, match=told):
+        await run_part(only_part(scene), scene=scene, **how)
 
 
 @dataclass
@@ -124,13 +124,9 @@ class Part:
         """One more."""
         clock, stop = WallClock(), asyncio.Event()
         watch = AtWork(clock)
-        part = SessionPart(
-            sensors=tuple(s.id for s in self.scene.sensor), began_utc_ns=self.began_ns
-        )
         broker = f"mqtt://127.0.0.1:{self.port if self.processes else self.network.port}"
-        work = run_part(
-            part, scene=self.scene, clock=clock, broker=broker, stop=stop, observers=[watch]
-        )
+        how = {"clock": clock, "broker": broker, "stop": stop, "observers": [watch]}
+        work = run_part(only_part(self.scene, self.began_ns), scene=self.scene, **how)
         self.processes.append(Process(watch, stop, asyncio.create_task(work)))
         return self.processes[-1]
 
@@ -146,19 +142,13 @@ class Part:
 
     async def sends(self, claim: int) -> None:
         """A process that has that claim does."""
-        await until(
-            lambda: any(t["claim"] == claim and t["state"] == "RUNNING" for t in self.said())
-        )
+        running = (claim, "RUNNING")
+        await until(lambda: any((t["claim"], t["state"]) == running for t in self.said()))
         await self.more()
 
     async def more(self) -> None:
-        since = len(self.client.heard)
-        await until(
-            lambda: any(
-                m.topic.startswith(f"plotfeed/{self.scene.sensor[0].id}/asterix")
-                for m in self.client.heard[since:]
-            )
-        )
+        since, reports = len(self.client.heard), f"plotfeed/{self.scene.sensor[0].id}/asterix"
+        await until(lambda: any(m.topic.startswith(reports) for m in self.client.heard[since:]))
 
     def verdict(self) -> Verdict:
         duration_s = (WallClock().now_ns() - self.began_ns) / NS + 1
@@ -247,7 +237,8 @@ async def test_who_wakes_up_when_another_has_its_part_ends_and_takes_nothing_bac
         await until(lambda: len(part.said()) > 4)
         part.network.hold()
         await part.sends(2)
-        release(part.network)
+        for wire in part.network._wires:
+            wire.open.set()
         await taken_from(first)
         await part.more()
         await until(lambda: {told["claim"] for told in part.said()[-2:]} == {2})
@@ -267,11 +258,6 @@ async def test_who_joins_late_has_told_what_is_missing_before_it_runs(
         first = next(i for i, m in enumerate(said) if b'"RUNNING"' in m.payload and m.qos == 0)
         (gap,) = next(json.loads(m.payload) for m in said[:first] if m.topic.endswith("/gaps"))
     assert (gap["from_utc_ns"], gap["why"]) == (part.began_ns, "nobody had begun")
-
-
-def release(network: Proxy) -> None:
-    for wire in network._wires:
-        wire.open.set()
 
 
 @pytest.mark.asyncio

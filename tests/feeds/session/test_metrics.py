@@ -1,20 +1,17 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import sys
 import urllib.request
-from copy import deepcopy
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
-from support.brokers import free_port, is_listening, sockets
+from support.brokers import deaf_server, free_port, is_listening, sockets
 from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
 from support.sessions import at_work
@@ -24,7 +21,6 @@ from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import COUNTERS, TOKEN_VARIABLE, MetricsAddress, MetricsError, served
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.proto import plotfeed_pb2 as pb
 
 LINK = """
 [sensor.link]
@@ -51,68 +47,41 @@ def values(families: dict[str, Metric]) -> Read:
     }
 
 
-@dataclass(frozen=True)
-class Held:
-    """A session whose clock stands, so that nothing changes while it is asked."""
-
-    families: dict[str, Metric]
-    totals: dict[str, Any]
-    statuses: dict[str, pb.SensorStatus]
-    port: int
-    addresses: set[str]  # On which the metrics are served
-
-
-async def held(folder: Path) -> Held:
+@pytest.mark.asyncio
+async def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
+    """While its clock stands, so that nothing changes; they are served on loopback alone."""
     text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=SENSORS, port=1883)
-    scene, port = load(scene_file(folder, text)), free_port()
+    scene, port = load(scene_file(tmp_path, text)), free_port()
     clock = WallClock(scene.scene.start_utc_ns, speed=10.0)
     with served(MetricsAddress(port=port)) as collector:
         async with at_work(scene, None, collector, clock=clock) as session:
-            totals = session.totals
+            totals, messages = session.totals, -1
             await until(lambda: totals.lost > 5 and totals.duplicated > 5)
-            garbage = ("plotfeed/telemetry/x", b"garbage", None)
-            session.session.intake.receive([garbage], clock.now_ns())
+            session.session.intake.receive([("plotfeed/telemetry/x", b"?", None)], clock.now_ns())
             clock.pause()
-            before, families = counted(totals), await asyncio.to_thread(scrape, port)
-            while totals.messages != before["messages"]:  # until what was being done is done
-                before, families = counted(totals), await asyncio.to_thread(scrape, port)
-            sensors = session.session.sensors.items()
-            return Held(
-                families=families,
-                totals=before,
-                statuses={name: deepcopy(task.status) for name, task in sensors},
-                port=port,
-                addresses={each.address for each in sockets() if each.port == port},
-            )
-
-
-def counted(totals: SessionCounters) -> dict[str, Any]:
-    return {f.name: deepcopy(getattr(totals, f.name)) for f in fields(SessionCounters)}
-
-
-def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
-    """And they are served on loopback alone."""
-    found = asyncio.run(held(tmp_path))
-    read = values(found.families)
-    for name in COUNTERS:
-        assert found.families[f"plotfeed_{name}"].type == "counter"
-        assert read[f"plotfeed_{name}_total", ""] == found.totals[name], name
-    assert read["plotfeed_drones", ""] == found.totals["drones"] == 1
-    assert read["plotfeed_refused_total", ""] == 1
-    assert read["plotfeed_inbox", ""] == 0
-    late_us = lateness_us(found.totals["lateness_ns"], 50, 99, 99.9)
-    for quantile, late in zip(("0.5", "0.99", "0.999"), late_us, strict=True):
-        assert read["plotfeed_lateness_seconds", quantile] == pytest.approx(late / 1e6)
-    for count in ("lost", "duplicated", "plots", "undelivered"):
-        told = [getattr(status, count) for status in found.statuses.values()]
-        assert sum(told) == found.totals[count], count
-    for sensor, status in found.statuses.items():
-        for name in ("scan", "plots", "lost", "on_the_way", "waiting", "enabled"):
-            assert read[f"plotfeed_sensor_{name}", sensor] == getattr(status, name), name
-    assert read["plotfeed_sensor_on_the_way", "far"] > 0
-    assert read["plotfeed_sensor_on_the_way", "near"] == 0
-    assert not is_listening(found.port)
-    assert found.addresses == {"0100007F"}
+            while totals.messages != messages:  # until what was being done is done
+                messages, families = totals.messages, await asyncio.to_thread(scrape, port)
+            read, sensors = values(families), session.session.sensors.items()
+            for name in COUNTERS:
+                assert families[f"plotfeed_{name}"].type == "counter"
+                assert read[f"plotfeed_{name}_total", ""] == getattr(totals, name), name
+            assert read["plotfeed_drones", ""] == totals.drones == 1
+            assert read["plotfeed_refused_total", ""] == 1
+            assert read["plotfeed_inbox", ""] == 0
+            late_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
+            for quantile, late in zip(("0.5", "0.99", "0.999"), late_us, strict=True):
+                assert read["plotfeed_lateness_seconds", quantile] == pytest.approx(late / 1e6)
+            for name in ("lost", "duplicated", "plots", "undelivered"):
+                told = [getattr(task.status, name) for _, task in sensors]
+                assert sum(told) == getattr(totals, name), name
+            for sensor, task in sensors:
+                for name in ("scan", "plots", "lost", "on_the_way", "waiting", "enabled"):
+                    told_of = getattr(task.status, name)
+                    assert read[f"plotfeed_sensor_{name}", sensor] == told_of, name
+            assert read["plotfeed_sensor_on_the_way", "far"] > 0
+            assert read["plotfeed_sensor_on_the_way", "near"] == 0
+            assert {each.address for each in sockets() if each.port == port} == {"0100007F"}
+    assert not is_listening(port)
 
 
 def test_every_count_in_the_totals_is_a_metric() -> None:
@@ -123,10 +92,7 @@ def test_every_count_in_the_totals_is_a_metric() -> None:
 
 def test_a_place_that_is_taken_or_none_is_one_line(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
-    with socket.socket() as holder:
-        holder.bind(("127.0.0.1", 0))
-        holder.listen()
-        port = holder.getsockname()[1]
+    with deaf_server() as port:
         taken = f"127.0.0.1:{port}"
         for text, code, says in (
             (taken, 1, f" {taken}: Address already in use"),
