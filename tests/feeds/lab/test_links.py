@@ -160,9 +160,7 @@ def test_the_engine_is_told_apart_from_the_link(found: dict[str, LinkFigures]) -
     assert_chance(late.fit.link_p_value, "link alone")
 
 
-def test_delays_that_follow_no_plain_law_are_not_compared_and_it_says_why(
-    found: dict[str, LinkFigures],
-) -> None:
+def test_delays_of_no_plain_law_are_not_compared(found: dict[str, LinkFigures]) -> None:
     for why in NOT_PLAIN:
         fit = found[why].fit
         assert why in fit.not_comparable
@@ -185,7 +183,7 @@ def test_a_sensor_without_a_link_asks_for_nothing(found: dict[str, LinkFigures])
 
 
 @pytest.mark.parametrize("text", NONE)
-def test_a_link_that_is_none_is_said_to_be_none_and_what_came_is_told(
+def test_what_came_over_a_link_that_is_none_is_told(
     text: str, found: dict[str, LinkFigures]
 ) -> None:
     of = found[text[:50]]
@@ -260,9 +258,7 @@ def test_a_ledger_of_endless_settings_is_told_in_part(tmp_path: Path) -> None:
     assert "50 entries are under more link settings than are told" in told.notes
 
 
-def test_a_second_session_counts_on_its_own_and_what_was_recorded_twice_once(
-    tmp_path: Path,
-) -> None:
+def test_sessions_count_apart_and_what_was_recorded_twice_once(tmp_path: Path) -> None:
     ledgers, again = (entries(link(**LINKS["bursts"]), 2000) for _ in range(2))
     for entry in again:
         entry.scan += 100_000

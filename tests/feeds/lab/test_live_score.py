@@ -156,9 +156,7 @@ LATER = {"from_s": 15.0, "to_s": 60.0, "set": {"bias": {"azimuth_offset_deg": 2.
 @pytest.mark.parametrize(
     ("keys", "wrong"), [({}, set()), (LATER["set"], {"azimuth"}), ({"event": [LATER]}, {"azimuth"})]
 )
-def test_the_feed_is_checked_meanwhile_and_anew_where_its_sensor_changes(
-    keys: dict[str, Any], wrong: set[str]
-) -> None:
+def test_the_feed_is_checked_and_anew_for_new_keys(keys: dict[str, Any], wrong: set[str]) -> None:
     drones = [held(f"d{i}", 60.0 * i, 5.0, 2000.0 + 100 * i, rcs_m2=1.0) for i in range(5)]
     scores = scored(scene([radar(pfa=1e-5, **keys)], drones, seed=7), 41.0, lambda _: [])
     assert len(scores) >= 2 * EVERY_SECONDS
@@ -183,9 +181,7 @@ def scene_with(folder: Path, topic: str, *, truth: bool = True) -> Path:
     return scene_file(folder, text + f'[page]\ntracks_topic = "{topic}"\n')
 
 
-def test_a_score_is_published_as_it_is_described_and_own_tracks_are_recorded_once(
-    tmp_path: Path,
-) -> None:
+def test_a_score_is_published_as_described_and_own_tracks_recorded_once(tmp_path: Path) -> None:
     record = tmp_path / "own.mcap"
     with (
         running("run", scene_with(tmp_path, OWN), "--record", record) as session,
@@ -204,9 +200,7 @@ def test_a_score_is_published_as_it_is_described_and_own_tracks_are_recorded_onc
 
 
 @pytest.mark.asyncio
-async def test_what_a_tracker_publishes_is_scored_and_recorded_and_is_no_telemetry(
-    tmp_path: Path,
-) -> None:
+async def test_what_a_tracker_publishes_is_recorded_and_no_telemetry(tmp_path: Path) -> None:
     """Neither meanwhile nor where the record is run again."""
     topic, record = "tracker/out", tmp_path / "theirs.mcap"
     told = {"track": 7, "latitude_deg": 40.45, "longitude_deg": -3.73}

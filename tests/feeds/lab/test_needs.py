@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.command import plotfeed_here
+from support.command import plotfeed_here, refusal
 from support.doc_commands import DOCS, doc_command
 
 from plotfeed.feeds.engine.engine import Engine
@@ -47,30 +47,39 @@ def tree(*, drones: int = 12, **keys: Any) -> dict[str, Any]:
         scan=staring(), report=["plots"], pfa=1e-8, **{"power_w": 5e4, "frequency_hz": 10e9, **keys}
     )
     rng = np.random.default_rng(3)
-    paths = [
-        [waypoint(float(a), 8.0, float(r)) for a, r in zip(*pair, strict=True)]
-        for pair in zip(rng.uniform(0, 360, (drones, 2)), rng.uniform(1500, 4000, (drones, 2)),
-                        strict=True)
-    ]  # fmt: skip
+    ends = rng.uniform(0, 360, (drones, 2)), rng.uniform(1500, 4000, (drones, 2))
+    drawn = zip(*(end.tolist() for end in ends), strict=True)
     return {
         "scene": {"name": "known", "seed": 1, "site": SITE},
         "sensor": [sensor],
-        "drone": [flown(f"d{i}", *places) for i, places in enumerate(paths)],
+        "drone": [
+            flown(f"d{i}", waypoint(a0, 8.0, r0), waypoint(a1, 8.0, r1))
+            for i, ((a0, a1), (r0, r1)) in enumerate(drawn)
+        ],
     }
 
 
+def made_of(tree: dict[str, Any]) -> Scene:
+    return from_tree(tree, Path("known.toml"), toml_of(tree))
+
+
 def scene_with(**keys: Any) -> Scene:
-    made = tree(**keys)
-    return from_tree(made, Path("known.toml"), toml_of(made))
+    return made_of(tree(**keys))
 
 
-def found(scene: Scene, variants: list[Variant], seed: int = 1, **how: Any) -> list[Finding]:
-    asked = {"matters": 0.02, "runs": 8, "duration_s": 10.0, **how}
-    return list(Needs(scene, variants, seed=seed, start_utc_ns=START_NS, **asked).findings)
+def needs_of(scene: Scene, variants: list[Variant], **how: Any) -> Needs:
+    asked = {"matters": 0.02, "runs": 8, "duration_s": 10.0, "seed": 1, **how}
+    return Needs(scene, variants, start_utc_ns=START_NS, **asked)
 
 
 def only(scene: Scene, name: str) -> list[Variant]:
     return [each for each in variants_of(scene) if each.name == name]
+
+
+def finding(scene: Scene, name: str, **how: Any) -> Finding:
+    """Of the one variant of that name."""
+    (told,) = needs_of(scene, only(scene, name), **how).findings
+    return told
 
 
 def run_of(scene: Scene, seed: int = 1, duration_s: float = 10.0, **keys: Any) -> Run:
@@ -91,8 +100,7 @@ def test_what_is_known_by_hand_is_told_right(known: Any) -> None:
 
 
 def test_the_page_says_that_it_is_told_right_in_95_of_100() -> None:
-    page = (DOCS / "needs.md").read_text()
-    rates = [int(n) for n in re.findall(r"\| (\d+) of 100 \|", page)]
+    rates = [int(n) for n in re.findall(r"\| (\d+) of 100 \|", (DOCS / "needs.md").read_text())]
     assert len(rates) == len(KNOWN["KNOWN"])
     assert min(rates) >= 95
 
@@ -134,9 +142,7 @@ def test_what_is_lost_without_a_sensor_is_what_no_other_has() -> None:
     made = tree()
     half = {"id": "half", "azimuth_min_deg": 0.0, "azimuth_max_deg": 180.0}
     made["sensor"].append(made["sensor"][0] | half)
-    scene = from_tree(made, Path("known.toml"), toml_of(made))
-    how: Any = {"matters": 0.02, "runs": 2, "duration_s": 10.0, "seed": 1}
-    losses = Needs(scene, [], start_utc_ns=START_NS, **how).losses
+    losses = needs_of(made_of(made), [], runs=2).losses
     for loss in losses["half"]:
         assert loss.before - loss.after == pytest.approx(0.0, abs=0.02)
     for loss in losses["radar"]:
@@ -152,7 +158,7 @@ def test_an_ordinary_world_is_noticed_by_who_looks_low(tmp_path: Path, key: str)
     made["drone"] = [flown(f"d{i}", *places) for i, places in enumerate(paths)]
     scene = from_tree(made, tmp_path / "known.toml", toml_of(made))
     variants = [each for each in variants_of(scene, tmp_path) if each.effects == (f"[{key}]",)]
-    (told,) = found(scene, variants, runs=4)
+    (told,) = needs_of(scene, variants, runs=4).findings
     assert told.verdict == "missing"
     metric = "pd" if key == "terrain" else "alarms"
     assert max(told.changes, key=lambda c: abs(c.share)).metric in {metric, "gospa_m"}
@@ -176,10 +182,8 @@ def test_the_front_is_what_nothing_beats() -> None:
 @pytest.mark.parametrize("name", ["section-4", "field-day"])
 def test_a_lean_scene_loads_and_has_lost_what_can_go(name: str) -> None:
     scene = example(name)
-    told = Needs(
-        scene, [v for v in variants_of(scene) if len(v.effects) == 1], matters=0.02, runs=2,
-        duration_s=2.0, seed=1, start_utc_ns=START_NS,
-    )  # fmt: skip
+    alone = [variant for variant in variants_of(scene) if len(variant.effects) == 1]
+    told = needs_of(scene, alone, runs=2, duration_s=2.0)
     written = [set(sensor) for sensor in tomllib.loads(scene.text)["sensor"]]
     for verdict in ("can go", "missing"):
         text = rewritten(scene, told, verdict)
@@ -206,16 +210,14 @@ def test_a_shipped_scene_is_lean_or_says_why_not(name: str) -> None:
 
 def test_runs_that_end_before_the_first_scan_decide_nothing() -> None:
     scene = scene_with(degradation={"pd_factor": 0.5})
-    (told,) = found(scene, only(scene, "without degradation"), runs=2, duration_s=0.1)
+    told = finding(scene, "without degradation", runs=2, duration_s=0.1)
     assert (told.verdict, told.largest) == ("undecided", None)
 
 
 def test_a_scene_without_drones_of_its_own_is_told_so() -> None:
-    made = tree()
-    del made["drone"]
-    scene = from_tree(made, Path("known.toml"))
+    scene = scene_with(drones=0)
     with pytest.raises(PlotfeedError, match="flies no drones"):
-        found(scene, variants_of(scene))
+        needs_of(scene, variants_of(scene))
 
 
 def test_the_commands_say_it_in_groups_and_draw_it(tmp_path: Path) -> None:
@@ -251,27 +253,24 @@ def test_runs_go_on_until_all_is_decided_or_the_time_is_over(
     """An effect of 1 %, where 2 % matter, takes some eight runs: not after no time at all."""
     known = KNOWN["KNOWN"][-1]
     scene = known.made(tmp_path)
-    (told,) = found(scene, only(scene, f"without {known.without}"), runs=None)
+    told = finding(scene, f"without {known.without}", runs=None)
     assert (told.verdict, told.runs) == ("can go", told.runs_needed)
     assert told.runs > FIRST_RUNS
     monkeypatch.setattr(needs, "BUDGET_S", 0.0)
-    (told,) = found(scene, only(scene, f"without {known.without}"), runs=None)
+    told = finding(scene, f"without {known.without}", runs=None)
     assert (told.verdict, told.runs) == ("undecided", FIRST_RUNS)
     assert told.runs_needed > FIRST_RUNS
 
 
-def test_what_is_written_is_told_by_the_end_of_its_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--write", "there.toml"), "expected a name that ends in lean.toml or full.toml"),
+        *((("--matters", share), "--matters: expected a share such as 2% or 0.02")
+          for share in ("0", "100%", "much", "-1%")),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(tmp_path: Path, options: tuple[str, str], said: str) -> None:
     path = tmp_path / "here.toml"
     path.write_text(toml_of(tree()))
-    said = plotfeed_here("needs", path, "--write", tmp_path / "there.toml")
-    assert said.returncode == 2
-    assert "expected a name that ends in lean.toml or full.toml" in said.stderr
-
-
-@pytest.mark.parametrize("share", ["0", "100%", "much", "-1%"])
-def test_a_share_that_is_none_is_refused_in_a_line(tmp_path: Path, share: str) -> None:
-    path = tmp_path / "here.toml"
-    path.write_text(toml_of(tree()))
-    said = plotfeed_here("needs", path, "--matters", share)
-    assert said.returncode == 2
-    assert said.stderr.startswith("plotfeed: --matters: expected a share such as 2% or 0.02")
+    assert said in refusal("needs", path, *options)

@@ -214,6 +214,7 @@ def test_nothing_is_wrong_where_all_is_right(report: FeedReport) -> None:
     assert len(right) == len(RIGHT)
     assert report.verdicts.judged > 20 * len(report.sensors)
     assert {sensor.joined == sensor.plots > 100 for sensor in right} == {True}
+    assert {s.plots_from.partition(",")[0] for s in right} == {"plots", "asterix/048"}
     contradicted = {sensor.sensor: sensor.contradicted for sensor in report.sensors}
     assert [contradicted[each] for each in ids] == [0, 0, 0]
     (short,) = (s for s in report.sensors if s.sensor == id_of("plots that are not sent"))

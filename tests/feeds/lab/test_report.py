@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.command import plotfeed_here, refusal
-from support.ledgers import as_received, changed, entries, record_session, recorded, told, written
+from support.ledgers import as_received, entries, record_session, recorded, told, written
 from support.links import link
 from support.recordings import mcap_of
 from support.scene_files import DRONE, radar, scene_file, scene_text
@@ -33,7 +32,6 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap import McapReader
-from plotfeed.replay.recorded import Recorded
 from plotfeed.testing import START_NS
 
 Capture = pytest.CaptureFixture[str]
@@ -138,9 +136,7 @@ def test_what_cannot_be_used_is_noted_and_names_cannot_move_the_cursor(tmp_path:
     assert "\x1b" not in "\n".join(lines(found))
 
 
-def test_wrong_input_is_a_line_that_says_what_was_expected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_input_is_told_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of charts, before anything is read."""
     missing = tmp_path / "none.mcap"
     with pytest.raises(PlotfeedError, match=r"a\.gif: expected a name that ends in \.png"):
@@ -319,9 +315,7 @@ def test_a_scripted_outage_is_a_setting_of_its_own(reported: FeedReport) -> None
     assert len(reported.links) == 3
 
 
-def test_birds_are_looked_at_and_clutter_is_not_and_neither_is_a_false_alarm(
-    session: Path, reported: FeedReport
-) -> None:
+def test_neither_birds_nor_clutter_are_false_alarms(session: Path, reported: FeedReport) -> None:
     told = sensor_of(reported, "lossy")
     assert set(told.plots_of_others) == {"bird", "clutter"}
     assert min(told.plots_of_others.values()) > 100
@@ -366,32 +360,6 @@ def test_what_a_broker_has_heard_is_told_as_far_as_it_goes(
     assert {name: sum(n) for name, n in lossy.histograms.items()} == dict.fromkeys(
         ("range", "azimuth", "elevation"), lossy.joined
     )
-
-
-STEPS = {"range": 1852 / 256, "azimuth": 360 / 65536, "height": 25 * 0.3048}
-
-
-def test_plots_are_read_from_asterix_where_there_are_no_batches(
-    session: Path, reported: FeedReport, tmp_path: Path
-) -> None:
-    def without_batches(messages: Iterable[Recorded]) -> Iterable[Recorded]:
-        return (each for each in messages if not each.topic.endswith("/plots"))
-
-    of_blocks = told(changed(session, tmp_path / "a.mcap", without_batches))
-    found = sensor_of(of_blocks, "lossy")
-    whole = sensor_of(reported, "lossy")
-    assert found.plots_from == "asterix/048, before the link"
-    assert found.joined == whole.joined
-    checks = checks_of(of_blocks, "lossy")
-    assert {name.removesuffix(" spread") for name in checks if "spread" in name} == {*STEPS}
-    for name, step in STEPS.items():
-        assert_chance(checks[name].p, name)
-        assert_chance(checks[f"{name} spread"].p, f"{name} spread")
-        exact = checks_of(reported, "lossy")[name]
-        assert checks[name].of > 0.8 * found.joined
-        # What rounding adds is in the standard error: at most as much as a uniform error.
-        rounded, fine = (each.of * each.sigma**2 for each in (checks[name], exact))
-        assert fine < rounded < 1.2 * (fine + step**2 / 12)
 
 
 def test_what_control_changed_counts_from_then_on(tmp_path: Path) -> None:

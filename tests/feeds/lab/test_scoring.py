@@ -295,7 +295,7 @@ BEFORE: Given = [
     [(GARBAGE, OF_GARBAGE), (BEFORE, {"repeated, of which the last counts": 122})],
     ids=["garbage", "repeated"],
 )
-def test_what_cannot_be_used_is_counted_and_leaves_the_rest_as_it_is(
+def test_what_cannot_be_used_is_counted_and_harms_nothing(
     bad: Given, left_out: dict[str, int]
 ) -> None:
     good = followed_well(sigma_m=3.0)

@@ -245,9 +245,7 @@ def test_a_cluster_that_is_not_there_is_told_of(address: str) -> None:
 TWO = [SweepLevel(number, "made", "made.toml", "", ()) for number in range(2)]
 
 
-def test_what_is_missing_is_what_was_asked_and_not_kept_a_run_of_all_levels_at_a_time(
-    tmp_path: Path,
-) -> None:
+def test_what_is_missing_comes_a_run_of_all_levels_at_a_time(tmp_path: Path) -> None:
     with Journal(tmp_path / "journal.jsonl", {}) as kept:
         for level, run in [(1, 2), (1, 0), (0, 0), (0, 3)]:
             kept.take({"level": level, "run": run})
@@ -303,10 +301,6 @@ def test_tables_have_a_row_for_each_run_and_sensor(whole: Path) -> None:
     assert [runs[0][key] for key in keys] == ["test", 1e-6, 0, 0, 1, "north"]
     assert {row["seed"] - row["run"] for row in runs} == {1}
     assert {row["sensor"] for row in runs} == {"north", "south", None}
-    at = {tuple(row[key] for key in keys): row for row in runs}
-    for row in runs:  # the link changes nothing that a sensor sees
-        other = at[*[{"link.latency_ms": 0}.get(key, row[key]) for key in keys]]
-        assert (row["plots"], row["detected"]) == (other["plots"], other["detected"])
     drones = pq.read_table(whole / "drones.parquet").to_pylist()
     assert {row["drone"] for row in drones} == {"visitor"}
     distances = pq.read_table(whole / "distances.parquet").to_pylist()
@@ -314,7 +308,7 @@ def test_tables_have_a_row_for_each_run_and_sensor(whole: Path) -> None:
     assert (whole / "sweep.png").stat().st_size > 10_000
 
 
-def test_a_sweep_killed_at_any_time_goes_on_and_its_tables_are_the_same(
+def test_a_sweep_that_was_killed_goes_on_to_the_same_tables(
     file: Path, whole: Path, tmp_path: Path
 ) -> None:
     """By two processes in place of one."""
@@ -350,9 +344,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(
     assert len(journal(tmp_path)) == 1 + LEVELS
 
 
-def test_what_was_begun_otherwise_is_not_gone_on_with(
-    file: Path, whole: Path, tmp_path: Path
-) -> None:
+def test_what_was_begun_otherwise_does_not_go_on(file: Path, whole: Path, tmp_path: Path) -> None:
     before = octets(whole)
     changed = tmp_path / "scene.toml"
     changed.write_text(file.read_text().replace("seed = 3", "seed = 4"))

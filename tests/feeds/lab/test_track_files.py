@@ -336,9 +336,7 @@ def test_what_others_write_is_read_as_they_mean_it(
         ("x.txt", b"nothing at all", "no recording that is known"),
     ],
 )
-def test_a_file_that_is_none_is_refused_in_a_line(
-    tmp_path: Path, name: str, octets: bytes, why: str
-) -> None:
+def test_a_file_that_is_none_is_refused(tmp_path: Path, name: str, octets: bytes, why: str) -> None:
     path = tmp_path / name
     path.write_bytes(octets)
     with pytest.raises(PlotfeedError, match=why) as refused:

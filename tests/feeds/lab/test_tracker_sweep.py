@@ -62,9 +62,7 @@ def test_whatever_trackers_do_is_told_beside_their_scores(file: Path, tmp_path: 
     assert (tmp_path / "all" / "curve.png").stat().st_size > 10_000
 
 
-def test_a_level_without_a_drone_in_cover_is_told_and_the_others_go_on(
-    file: Path, tmp_path: Path
-) -> None:
+def test_a_level_without_a_drone_in_cover_is_told(file: Path, tmp_path: Path) -> None:
     vary = "sensor.*.range_max_m"
     words = ("score", file, "--tracker", tracker("good"), "--runs", 1, *SHORT[:-1])
     done = plotfeed_here(*words, "--vary", f"{vary}=500,5000", "--folder", tmp_path / "a", "--json")
@@ -93,9 +91,7 @@ at_most = 5.0
 """
 
 
-def test_a_profile_holds_its_limits_with_a_tracker_and_a_curve_is_gone_on_with(
-    file: Path, tmp_path: Path
-) -> None:
+def test_a_profile_holds_at_each_level_and_a_curve_goes_on(file: Path, tmp_path: Path) -> None:
     profile, out, junit = (tmp_path / name for name in ("p.toml", "x.html", "x.xml"))
     profile.write_text(PROFILE)
     words = (

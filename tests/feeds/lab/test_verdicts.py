@@ -30,15 +30,15 @@ def drawn(seeds: Iterable[int]) -> Counter[str]:
 
 
 def test_scenes_that_are_judged_have_all_that_a_scene_can_name() -> None:
-    """Each kind of sensor, way of scanning, table of any sensor, table of a scene, and system."""
+    """Each kind of sensor, way of scanning, table of any sensor, table of a scene, and system.
+
+    Many scenes have each table of each kind of sensor.
+    """
     alone = {name for name in every_name() if "." not in name}
     of_any = {name.partition(".")[2] for name in every_name()} - {""}
     found = drawn(SCENES).keys()
     assert alone <= found
     assert of_any <= {name.partition(".")[2] for name in found}
-
-
-def test_many_scenes_have_each_table_of_each_kind_of_sensor() -> None:
     assert every_name() <= drawn(range(MANY)).keys()
 
 
