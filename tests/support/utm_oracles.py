@@ -1,10 +1,15 @@
-"""Reads messages by the packages of others: run by the Python of .venv-utm, JSON in and out."""
+"""Reads messages by the packages of others: run by the Python of .venv-utm, JSON in and out.
+
+With a URL and a number, such as `tcp://127.0.0.1:8087 20`, it connects and receives so many events.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 import warnings
+import xml.etree.ElementTree as ET
 from typing import Any
 
 warnings.simplefilter("ignore")
@@ -69,9 +74,29 @@ def display_data(text: str) -> dict[str, Any]:
     }
 
 
+async def receive(url: str, number: int) -> None:
+    """Print who is where by so many events of Cursor on Target that PyTAK receives."""
+    import pytak
+
+    config: dict[str, Any] = {"COT_URL": url, "TAK_PROTO": "0"}
+    reader, writer = await pytak.protocol_factory(config)  # the connection lasts as long as both
+    queue: asyncio.Queue[bytes] = asyncio.Queue()
+    worker = asyncio.create_task(pytak.RXWorker(queue, config, reader).run())
+    for _ in range(number):
+        event = ET.fromstring(await queue.get())  # noqa: S314 - a test's own
+        point = event.find("point")
+        assert point is not None
+        place = {name: float(point.attrib[name]) for name in ("lat", "lon")}
+        print(json.dumps({"uid": event.attrib["uid"], **place}), flush=True)
+    worker.cancel()
+    writer.close()
+
+
 READERS = {"cot": cot, "f3411": f3411, "display-data": display_data, "location-fix": location_fix}
 
 if __name__ == "__main__":
-    for line in sys.stdin:
+    if sys.argv[1:]:
+        asyncio.run(receive(sys.argv[1], int(sys.argv[2])))
+    for line in () if sys.argv[1:] else sys.stdin:
         kind, text = json.loads(line)
         print(json.dumps(READERS[kind](text)))

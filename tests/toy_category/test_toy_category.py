@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,15 +14,33 @@ from toy_category.asterix_250 import FORMAT
 from plotfeed.feeds.formats import FORMATS, carries_plots, register
 from plotfeed.feeds.lab.needs import METRICS, Run, choices_of
 from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
 from plotfeed.feeds.schema import text_of
+from plotfeed.proto.asterix.categories import CATEGORIES, PLOT_ITEMS
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.utc import NS
 from plotfeed.replay.plots_csv import PlotsCsvWriter
 from plotfeed.replay.recorded import Recorded
-from plotfeed.testing import Feed, fly
+from plotfeed.testing import Feed, fly, held, radar, scene
 
 TOPIC = "plotfeed/radar/asterix/250"
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(ActiveRadarKeys, "formats", ActiveRadarKeys.formats)  # put back afterwards
+    register(FORMAT, ActiveRadarKeys)
+    yield
+    del FORMATS["asterix-250"], REPORT_FORMATS["asterix-250"], CATEGORIES[250], PLOT_ITEMS[250]
+
+
+@pytest.fixture
+def radar_scene() -> Scene:
+    return scene(
+        [radar(report=["asterix-250", "plots"])], [held("drone", 40.0, 10.0, 2000.0)], seed=1
+    )
 
 
 @pytest.fixture

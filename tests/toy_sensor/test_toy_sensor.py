@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Iterator
+from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
@@ -21,13 +24,33 @@ from plotfeed.feeds.schema.asyncapi import types_that_report
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import Geometry
-from plotfeed.testing import Feed, fly
+from plotfeed.testing import Feed, fly, held, scene, staring
 
 TRUE_DEG = [(10.0, 20.0), (80.0, 5.0)]
 WITHIN_DEG = 1.0
 RADAR = {
     "geometry": SensorGeometry.MONOSTATIC, "sapient_type": "RADAR", "formats": ("asterix-015",)
 }  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def registered() -> Iterator[None]:
+    keys = import_module("toy_sensor.lookout_keys").__name__
+    yield
+    del SENSORS["lookout"], sys.modules[keys]  # of other tests
+
+
+@pytest.fixture
+def lookout_scene() -> Scene:
+    lookout = {
+        "id": "lookout",
+        "type": "lookout",
+        "scan": staring(),
+        "range_max_m": 3000.0,
+        "report": ["asterix-015", "asterix-205", "plots", "sapient"],
+    }
+    drones = [held("north", 10.0, 20.0, 1000.0), held("east", 80.0, 5.0, 2000.0)]
+    return scene([lookout], drones, seed=1)
 
 
 @pytest.fixture

@@ -247,7 +247,7 @@ def test_what_is_no_server_and_certificates_that_are_not_there_are_told_at_once(
 
 ROOT = Path(__file__).parents[3]
 PYTHON = ROOT / ".venv-utm" / "bin" / "python"
-CLIENT = ROOT / "tests" / "support" / "pytak_client.py"
+CLIENT = ROOT / "tests" / "support" / "utm_oracles.py"
 
 
 @pytest.mark.asyncio
