@@ -220,6 +220,10 @@ class ErrorSums:
             self.count[i] += of.shape[1]
         self.plots += int(has.any(axis=1).sum())
 
+    def usual_sigma(self, i: int) -> float:
+        """The standard deviation that is expected of a quantity, the mean by their weights."""
+        return math.sqrt(self.count[i] / self._own[i, 1, 1])
+
     def checks(self, no_time: str = "") -> list[Check]:
         """Systematic errors, lateness, and spreads, of what was measured; of all if nothing was.
 

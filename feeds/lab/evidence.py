@@ -142,6 +142,16 @@ class AskedSensor:
         return np.asarray(model.positions_enu_m[channel])
 
     @property
+    def is_joined(self) -> bool:
+        """Whether its plots are places that several detections make, and how these err is known."""
+        return self.keys.type in oracle.JOINED
+
+    @property
+    def errs_as_known(self) -> bool:
+        """Whether it is known how its plots err: as they state, or as several detections do."""
+        return self.model.errs_as_stated or self.is_joined
+
+    @property
     def is_steered(self) -> bool:
         """Whether it steers its beam dwell by dwell, some of which search."""
         return bool(self.keys.scan.kind == "electronic")
@@ -189,10 +199,11 @@ class AskedByTime:
     @property
     def unjudged(self) -> str:
         """What of its plots is not judged, and why; empty where all is."""
-        models = [asked.model for asked in self._asked.values()]
-        if any(isinstance(model, JointSensor) for model in models):
-            return "errors and false alarms, as detections are joined to places, some wrongly"
-        if any(not model.errs_as_stated for model in models):
+        sensors = self._asked.values()
+        if any(isinstance(each.model, JointSensor) for each in sensors):
+            errors = "" if all(each.is_joined for each in sensors) else "errors and "
+            return f"{errors}false alarms, as detections are joined to places, some wrongly"
+        if any(not each.errs_as_known for each in sensors):
             return "errors, which a layout of microphones leaves other than normal"
         return ""
 

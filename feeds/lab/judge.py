@@ -61,6 +61,9 @@ EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
 # Stated variances over expected ones count as no more than this, however wild what is stated.
 MOST_OFF = 1e12
+# By how much joined places may be off, whose errors are known to first order: in standard
+# deviations, seconds, and as a share of their spread.
+JOINED_OFF, JOINED_LATE_S, JOINED_SPREAD = 0.25, 0.25, 0.15
 NOT_AS_STATED = "its plots do not err by the spread that they state"
 
 
@@ -80,6 +83,15 @@ class SensorFeed(NamedTuple):
     def known(self) -> AskedSensor | None:
         """The sensor as its scene first has it; None where none says."""
         return next((each for each in self.expected if each is not None), None)
+
+
+class LooksExpected(NamedTuple):
+    """What is expected of looks, (n,)."""
+
+    odds: LookOdds
+    counts: Bools  # Of which Pd is known
+    sigmas: Floats  # What plots of them are to state of their errors, (k, n); NaN if not known
+    joined: Floats  # How places that several of them make err, (n, 3, 4), as `laws.compared` asks
 
 
 class FeedTally:
@@ -102,6 +114,7 @@ class FeedTally:
         self._why_no_alarms = "it is not known how many are expected"
         # Number, sum and sum of squares of stated variances over expected ones.
         self._sigmas = np.zeros((len(NAMES), 3))
+        self._are_joined = False  # Whether plots are places that several detections make
         self._bins: list[PdFigures] | None = None  # As far as they are worked out already
 
     @np.errstate(all="ignore")  # whatever numbers others have recorded
@@ -115,14 +128,15 @@ class FeedTally:
             for each in (names, look_names)
         )
         self._take_false_alarms(feed, int((names == "").sum()))
-        odds, counts, sigmas = self._odds(feed, look_names, target)
-        self.looks.add(odds.rows(counts), looks.range_m[counts])
+        expected = self._odds(feed, look_names, target)
+        counts = expected.counts
+        self.looks.add(expected.odds.rows(counts), looks.range_m[counts])
         is_target = are_targets(names)
         own, plots = is_target & feed.came, feed.plots.rows(is_target[feed.came])
         truths, whose, n = feed.truths.rows(own), whose[own], len(plots)
         if len(feed.plots):
-            is_stated = feed.known is None or feed.known.model.errs_as_stated
-            self._why_not = "" if is_stated else NOT_AS_STATED
+            is_known = feed.known is None or feed.known.errs_as_known
+            self._why_not = "" if is_known else NOT_AS_STATED
         if not n:
             return
         self.joined += n
@@ -133,7 +147,15 @@ class FeedTally:
             (looks.entry, target, looks.channel),
         )
         alone = alone[found]
-        self._take_sigmas(feed.expected, plots.rows(alone), keys[alone], sigmas[:, row])
+        of_joined = np.full((n, 3, len(laws.JOINED)), np.nan)
+        of_joined[alone] = expected.joined[row]
+        _, place, times = np.unique(
+            np.stack([truths.entry, whose]), axis=1, return_inverse=True, return_counts=True
+        )
+        is_part = self._are_joined & (times[place.reshape(-1)] > 1)  # Made of some detections each
+        of_joined[is_part] = np.nan
+        sigmas = np.where(is_part[alone], np.nan, expected.sigmas[:, row])
+        self._take_sigmas(feed.expected, plots.rows(alone), keys[alone], sigmas)
         echoes = _echoes(looks, target, truths, whose, numbers)
         error, sigma, kurtosis = np.full((3, n, len(NAMES)), np.nan)
         for which, category in {*zip(keys.tolist(), plots.category.tolist(), strict=True)}:
@@ -141,9 +163,8 @@ class FeedTally:
             anew = np.full(n, -1)
             anew[rows] = np.arange(len(rows))
             mine = echoes.but(entry=anew[echoes.entry]).rows(anew[echoes.entry] >= 0)
-            compared = laws.compared(
-                feed.expected[which], mine, truths.rows(rows), plots.rows(rows)
-            )
+            of_these = mine, truths.rows(rows), plots.rows(rows), of_joined[rows]
+            compared = laws.compared(feed.expected[which], *of_these)
             error[rows], sigma[rows] = self._judged(compared)
             kurtosis[rows] = compared.kurtosis
         errors = Residuals(
@@ -172,15 +193,12 @@ class FeedTally:
         of_sectors = per_scan[feed.keys_of_sector]
         self.alarms += float(of_sectors.sum()) * feed.scans / max(len(of_sectors), 1)
 
-    def _odds(self, feed: SensorFeed, names: Texts, target: Ints) -> tuple[LookOdds, Bools, Floats]:
-        """Looks with Pd as it is expected, which of them count, and what their plots are to state.
-
-        The latter is (k, n). Where nobody says what is expected, Pd is that of the ledger; where
-        that is not known, looks do not count.
-        """
+    def _odds(self, feed: SensorFeed, names: Texts, target: Ints) -> LooksExpected:
+        """What is expected of looks; where nobody says what, Pd is that of the ledger."""
         looks, n = feed.looks, len(feed.looks)
         pd, counts, sigmas = looks.pd.copy(), np.ones(n, np.bool_), np.full((len(NAMES), n), np.nan)
         off, keys = np.zeros(n), feed.keys_of_sector[looks.entry]
+        joined = np.full((n, 3, len(laws.JOINED)), np.nan)
         for which in np.unique(keys).tolist():
             expected, rows = feed.expected[which], np.flatnonzero(keys == which)
             if expected is None:
@@ -196,6 +214,7 @@ class FeedTally:
                     channel=of.channel,
                     emitted_utc_ns=of.emitted_utc_ns if of.emitted_utc_ns.any() else None,
                     field_deg=_fields_deg(feed, of.entry, expected.keys),
+                    detected=of.detected,
                 )
             )
             pd[rows] = np.where(found.known, found.pd, pd[rows])
@@ -206,9 +225,16 @@ class FeedTally:
             for name in ("range", "azimuth", "elevation"):
                 sigma = getattr(found, f"sigma_{QUANTITIES[name][0]}") / expected.error_factor
                 sigmas[NAMES.index(name), rows] = np.where(found.known, sigma, np.nan)
+            if found.joined is not None:
+                self._are_joined = True
+                of_joined = found.joined.off, found.joined.variance, found.joined.kurtosis
+                joined[rows] = np.stack(of_joined, axis=1)
+                stated = np.where(np.isnan(found.joined.variance), np.nan, found.joined.stated)
+                for name, column in zip(laws.JOINED, stated.T, strict=True):
+                    sigmas[NAMES.index(name), rows] = column
         t_s = looks.t_utc_ns / NS
         odds = LookOdds(target=target, t_s=t_s, pd=pd, hit=looks.detected, off=off)
-        return odds, counts, sigmas
+        return LooksExpected(odds, counts, sigmas, joined)
 
     def _take_sigmas(
         self,
@@ -224,7 +250,7 @@ class FeedTally:
         exact = plots.category == 0
         for number in np.unique(keys[exact]).tolist():
             sensor, rows = sensors[number], np.flatnonzero(exact & (keys == number))
-            if sensor is None or not sensor.model.errs_as_stated:
+            if sensor is None or not sensor.errs_as_known:
                 continue
             of, by_ratio = plots.rows(rows), {}
             if sensor.keys.type in RADARS:
@@ -256,6 +282,8 @@ class FeedTally:
         told: dict[str, Any]
         is_asked = self._against == "asked"
         found = self.errors.checks(self._no_time)
+        if self._are_joined:
+            found = [self._hardly_off(check) for check in found]
         if is_asked:
             found = [c for c in found if c.name != "time"] if self.joined else []
             found += [never(f"{q} outliers", n, self.joined) for q, n in self.off.items()]
@@ -285,6 +313,17 @@ class FeedTally:
             found.append(Check(name=name, expected=at.expected, p=at.p, **told))
         why = self._why_no_alarms if math.isnan(self.alarms) else ""
         return [*found, residuals.clutter_check(self.left, self.alarms, self.scans, why)]
+
+    def _hardly_off(self, check: Check) -> Check:
+        """A check of errors that are known to first order: it holds where they are hardly off."""
+        if not check.is_judged:
+            return check
+        most = JOINED_LATE_S if check.name == "time" else JOINED_SPREAD
+        if check.expected == 0 and check.name != "time":
+            k = NAMES.index(check.name.removesuffix(" or time"))
+            most = JOINED_OFF * self.errors.usual_sigma(k)
+        beyond = max(abs(check.found - check.expected) - most, 0.0)
+        return replace(check, p=p_of_normal(beyond / check.sigma))
 
     def by_range(self) -> list[PdFigures]:
         """Looks of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""

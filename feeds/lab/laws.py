@@ -34,6 +34,8 @@ QUANTITIES = {
     "height": ("height_m", "m"),
     "range rate": ("range_rate_m_s", "m/s"),
 }
+# Of which it is known how places err that several detections make, in the oracle's order.
+JOINED = ("range", "azimuth", "elevation", "height")
 COARSE = 20.0  # Steps below which a stated standard deviation is told too coarsely to divide by
 # Standard deviations from the ends of range within which noise decides whether there is a plot.
 EDGE = 7.0
@@ -61,11 +63,17 @@ class Comparison(NamedTuple):
 
 @nan_without_warnings
 def compared(
-    asked: AskedSensor | None, echoes: ToldLooks, truths: ToldPlots, measured: MeasuredPlots
+    asked: AskedSensor | None,
+    echoes: ToldLooks,
+    truths: ToldPlots,
+    measured: MeasuredPlots,
+    joined: Floats,
 ) -> Comparison:
     """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown.
 
     `echoes` are the looks of which they are, with numbers of plots in place of those of entries.
+    Of places that several detections make `joined` has the systematic error, the variance and the
+    kurtosis of each of `JOINED`, (n, 3, 4).
     """
     category = int(measured.category[0]) if len(measured) else 0
     steps = steps_of(category)
@@ -74,8 +82,13 @@ def compared(
     place, is_whole = _places(asked, echoes, truths.t_utc_ns, drones, channel)
     sigmas = _sigmas(asked, measured, channel, steps)
     rate_m_s = np.where(drones == 1, truths.range_rate_m_s, np.nan)
-    expected = _expected(asked, place, rate_m_s, channel, sigmas)
-    left_out = ~is_whole | _near_an_end(asked, place, channel, sigmas)
+    is_joined = asked is not None and asked.is_joined
+    if asked is None or not is_joined:
+        expected = _expected(asked, place, rate_m_s, channel, sigmas)
+        left_out = ~is_whole | _near_an_end(asked, place, channel, sigmas)
+    else:
+        expected = _of_joined(asked, place, joined)
+        left_out = ~is_whole | np.isnan(joined[:, 1]).all(axis=1)
     # What is told in steps is the altitude above mean sea level.
     level_m: Floats | float = 0.0
     if asked is not None and np.isfinite(measured.altitude_m).any():
@@ -103,18 +116,25 @@ def compared(
         error = np.where(left_out, np.nan, error)
         found.error[:, k], found.variance[:, k], found.kurtosis[:, k] = error, *law[1:3]
         found.step[k] = law.step
-        if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):
+        follows = name == "height" or (name == "range" and asked is not None and asked.is_bistatic)
+        if not is_joined and not follows:
             far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
             found.off[name] = int((np.abs(error) > far).sum())
-    found.off["time"] = 0
-    if asked is not None and category != TIME_OF_SENDING:
-        most_ns = TIME_STEP_NS // 2 + 1 if category else 0
-        times = zip(measured.t_utc_ns.tolist(), truths.t_utc_ns.tolist(), strict=True)
-        found.off["time"] = sum(
-            t_ns is None or abs(t_ns - true_ns - asked.clock_ahead_ns) > most_ns
-            for t_ns, true_ns in times
-        )
+    found.off["time"] = _times_off(asked, truths, measured)
     return found
+
+
+def _times_off(asked: AskedSensor | None, truths: ToldPlots, measured: MeasuredPlots) -> int:
+    """How many plots are at other times than by the sensor's clock."""
+    category = int(measured.category[0]) if len(measured) else 0
+    if asked is None or category == TIME_OF_SENDING:
+        return 0
+    most_ns = TIME_STEP_NS // 2 + 1 if category else 0
+    times = zip(measured.t_utc_ns.tolist(), truths.t_utc_ns.tolist(), strict=True)
+    return sum(
+        t_ns is None or abs(t_ns - true_ns - asked.clock_ahead_ns) > most_ns
+        for t_ns, true_ns in times
+    )
 
 
 # What arithmetic may leave, where that is not a millimetre.
@@ -225,6 +245,15 @@ def _expected(
     if asked is not None:
         found["height"] = _height(asked, place, sigmas)
     return found
+
+
+def _of_joined(asked: AskedSensor, place: Place, joined: Floats) -> dict[str, Expected]:
+    """Places that several detections make, about those of their targets."""
+    azimuth_deg, elevation_deg, range_m = place
+    height_m = asked.frame.heights_m(azimuth_deg, elevation_deg, range_m)
+    true = dict(zip(JOINED, (range_m, azimuth_deg, elevation_deg, height_m), strict=True))
+    of = {name: joined[:, :, k] for k, name in enumerate(JOINED)}
+    return {n: Expected(true[n] + of[n][:, 0], of[n][:, 1], of[n][:, 2]) for n in JOINED}
 
 
 def _placed_range(

@@ -51,6 +51,12 @@ CONFIRMATION = 1  # The channel of looks that confirm what a steered beam's sear
 MOST_TERMS, LEAST, AT_ONCE = 20_000, 1e-11, 1024
 # Widths of resolution beyond which two targets make one plot less often than once in 4,000 times.
 APART = 3.5
+# Of places by several receivers: ratios that are drawn, steps to a place, 1/m^2 of what is not
+# known, and the share of right sets that a gate leaves out, and may where errors are judged.
+DRAWN, STEPS, NOTHING = 24, 8, 1e-12
+THREE_SIGMAS, MOST_REFUSED = 0.0027, 0.02
+# Sensors of which it is known how the places err that several detections make.
+JOINED = frozenset({"multistatic_mimo", "multistatic_passive"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +78,8 @@ class LooksGiven:
     `drone` are names, those of what is no drone ("bird/ID-1") among them. All looks of the sensor
     belong here, as echoes of targets side by side merge. Of velocities, (n, 3), rows of NaN are not
     known; without any they follow from a target's looks before and after. `field_deg` are the
-    fields of view of a camera that zooms, NaN where not known.
+    fields of view of a camera that zooms, NaN where not known. Of places that several detections
+    make it is only known how they err where `detected` says which looks were some.
     """
 
     t_utc_ns: Ints
@@ -84,9 +91,25 @@ class LooksGiven:
     velocity_enu_m_s: Floats | None = None
     emitted_utc_ns: Ints | None = None
     field_deg: Floats | None = None
+    detected: Bools | None = None
 
     def __len__(self) -> int:
         return len(self.t_utc_ns)
+
+
+@dataclass(frozen=True)
+class JoinedErrors:
+    """How places err that all detections of a target at one time make: (n, 4) each, a row a look.
+
+    Of range, azimuth, elevation and height, metres and degrees: the systematic error, and the
+    variance and the kurtosis about that, NaN where these are not known; `stated` are the standard
+    deviations that plots state.
+    """
+
+    off: Floats
+    variance: Floats
+    kurtosis: Floats
+    stated: Floats
 
 
 @dataclass(frozen=True)
@@ -109,6 +132,7 @@ class Asked:
     known: Bools
     pd_off: Floats
     why_not: str = ""
+    joined: JoinedErrors | None = None
 
 
 TURNED = "how fast a target was while it turned, or when it was seen once"
@@ -132,7 +156,7 @@ def asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
 
 def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     look = _Look(scene, sensor, looks)
-    found = {name: np.full(len(looks), np.nan) for name in ("pd", "snr_db", *SIGMAS)}
+    found: dict[str, Any] = {n: np.full(len(looks), np.nan) for n in ("pd", "snr_db", *SIGMAS)}
     found["pd_off"] = np.zeros(len(looks))
     if sensor.type in KINDS:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
@@ -143,6 +167,8 @@ def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     if worse is not None:
         found["pd"] = found["pd"] * worse.pd_factor
         found |= {name: found[name] * worse.error_factor for name in SIGMAS}
+        if (joined := found.get("joined")) is not None:
+            found["joined"] = replace(joined, variance=joined.variance * worse.error_factor**2)
     look.doubt("what a target is, or how fast it flies", look.known & ~np.isfinite(found["pd"]))
     return Asked(**found, known=look.known, why_not="; ".join(look.doubts))
 
@@ -1110,7 +1136,7 @@ def _merged(look: _Look) -> None:
 def _radar(look: _Look) -> dict[str, Floats]:
     """A radar (eqs 1 to 36), by the sum of its signals or by each of them, a channel a signal.
 
-    Of several receivers each pair with a transmitter detects alone; places are not judged.
+    Of several receivers each pair with a transmitter detects alone, and places are made of that.
     """
     sensor: Any = look.sensor
     is_passive, is_steered = _is_passive(sensor), sensor.scan.kind == "electronic"
@@ -1152,7 +1178,107 @@ def _radar(look: _Look) -> dict[str, Floats]:
     if several is None:
         # Of errors that go as 1/x, the mean square is that at the mean of 1/x.
         told |= stated_sigmas(sensor, 1 / inverse.sum(axis=1), look.channel)
+    elif look.looks.detected is not None:
+        told["joined"] = _joined(look, np.array(ends_m), snrs)
     return told | {"pd": pd}
+
+
+def _joined(look: _Look, ends_m: Floats, snr: Floats) -> JoinedErrors:
+    """How places of several receivers err: of least squares over the pairs that detected, (n, 1).
+
+    Heights that the sensor expects are one more measurement, with an error that stays: so places
+    are off, and err about that by less than they state. Nothing is known of targets whose
+    detections may not be taken for those of one, and of what the expected height decides.
+    """
+    sensor: Any = look.sensor
+    number, channel = np.divmod(look.channel, len(look.sent_m))
+    detected = np.asarray(look.looks.detected, np.float64)
+    weight = detected[:, None, None] / _drawn_variances(sensor, snr, channel[:, None])
+    together = np.stack([look.looks.t_utc_ns, look.of])
+    _, first, of = np.unique(together, axis=1, return_index=True, return_inverse=True)
+    order = np.argsort(of := of.reshape(-1), kind="stable")
+    begins = np.searchsorted(of[order], np.arange(len(first)))
+
+    def summed(rows: Floats) -> Floats:
+        """Sums of rows over the looks at each target."""
+        return np.asarray(np.add.reduceat(rows[order], begins))
+
+    true_m, known = look.place_m[first], weight.mean(axis=1)
+    expects = np.diag([NOTHING, NOTHING, sensor.sigma_height_m**-2])
+    stations_m, measures = (look.sent_m[channel], ends_m[number]), known.shape[1]
+    true, place_m = _measured(look.place_m, stations_m)[0][:, :measures], true_m.copy()
+    for _ in range(STEPS):  # by Gauss and Newton
+        told, slope = (each[:, :measures] for each in _measured(place_m[of], stations_m))
+        off = true - told
+        off[:, 1:] = np.radians(folded_180(np.degrees(off[:, 1:])))
+        lower_m = sensor.expected_height_m - place_m[:, 2]
+        matrix = summed(np.einsum("nq,nqi,nqj->nij", known, slope, slope)) + expects
+        pull = summed(np.einsum("nq,nq,nqi->ni", known, off, slope))
+        pull += lower_m[:, None] * expects[2]
+        place_m += np.linalg.solve(matrix, pull[..., None])[..., 0]
+    square = summed((known * off**2).sum(axis=1)) + (lower_m / sensor.sigma_height_m) ** 2
+    # Of each draw: how uncertain places are, and how much of that is noise.
+    by_noise = summed(np.einsum("nsq,nqi,nqj->nsij", weight, slope, slope))
+    stated = np.linalg.inv(by_noise + expects)
+    by_height = stated[..., 2].mean(axis=1) - np.linalg.inv(matrix)[..., 2]
+    lower_m = sensor.expected_height_m - true_m[:, 2]
+    place_m += by_height * (lower_m / sensor.sigma_height_m**2)[:, None]
+    axes = _polar_axes(true_m)
+    noise, stated = (
+        np.einsum("gai,gsij,gaj->gsa", axes, each, axes)
+        for each in (stated @ by_noise @ stated, stated)
+    )
+    variance, shift = noise.mean(axis=1), np.einsum("gai,gi->ga", axes, place_m - true_m)
+    pairs = summed(detected)
+    free = np.maximum(pairs * measures + 1 - 3, 1)
+    refused = stats.ncx2.sf(stats.chi2.isf(THREE_SIGMAS, free), free, square)
+    is_usual = np.array([_order(each.swerling, 1) == 1 for each in look.signatures])[look.of]
+    doubted = (pairs < sensor.fewest_pairs) | (refused > MOST_REFUSED)
+    doubted |= summed(1.0 - (look.known & is_usual)) > 0
+    unknown = doubted[:, None] | (shift**2 > variance)
+    kurtosis = 3 * (noise**2).mean(axis=1) / variance**2
+    found = shift, np.where(unknown, np.nan, variance), kurtosis, np.sqrt(stated.mean(axis=1))
+    return JoinedErrors(*(each[of] for each in found))
+
+
+def _drawn_variances(sensor: Any, snr: Floats, channel: Ints) -> Floats:
+    """Variances of what pairs measure, by some ratios of detections that are drawn; (n, S, 2 or 3).
+
+    Of the sum of ranges, m2, azimuth and, where it is measured, elevation, rad2. The power of an
+    exponential law over a threshold, which is a gamma variable scaled (eq 6).
+    """
+    rng, shape = np.random.default_rng(0), (len(snr), DRAWN)
+    ratio, mean = cfar_ratio(sensor.pfa, 1, sensor.n_reference), 1 + snr
+    threshold = rng.gamma(sensor.n_reference, ratio / (1 + ratio / mean), shape)
+    sigmas = stated_sigmas(sensor, threshold + mean * rng.exponential(size=shape), channel)
+    range_m, *angles_deg = sigmas.values()
+    if not _is_passive(sensor):  # whose own is of the distance, half of the sum
+        range_m = 2 * range_m
+    return np.stack([range_m, *np.radians(angles_deg)], axis=-1) ** 2
+
+
+def _measured(place_m: Floats, stations_m: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """What pairs of transmitter and receiver measure of places, (n, 3), and its slopes, (n, 3, 3).
+
+    The sum of both distances, m, and azimuth and elevation from the receiver, rad.
+    """
+    out_m, back_m = (place_m - each for each in stations_m)
+    sent_m, received_m = length(out_m), length(back_m)
+    ground_m = np.hypot(back_m[:, 0], back_m[:, 1])
+    azimuth, elevation = np.arctan2(back_m[:, 0], back_m[:, 1]), np.arctan2(back_m[:, 2], ground_m)
+    axes = _polar_axes(back_m)
+    slopes = [axes[:, 0] + out_m / sent_m[:, None], *np.radians(np.moveaxis(axes[:, 1:3], 1, 0))]
+    told = np.stack([sent_m + received_m, azimuth, elevation], axis=1)
+    return told, np.stack(slopes, axis=1)
+
+
+def _polar_axes(place_m: Floats) -> Floats:
+    """How range, azimuth, elevation (degrees) and height change with places; (n, 4, 3)."""
+    range_m, ground_m = length(place_m)[:, None], np.hypot(place_m[:, 0], place_m[:, 1])[:, None]
+    along, up = place_m / range_m, np.broadcast_to([0.0, 0.0, 1.0], place_m.shape)
+    right = np.stack([place_m[:, 1], -place_m[:, 0], 0 * place_m[:, 2]], axis=1) / ground_m
+    above = np.cross(right, along)
+    return np.stack([along, np.degrees(right / ground_m), np.degrees(above / range_m), up], axis=1)
 
 
 def _first_hits(pd: Floats, needed: int) -> Floats:
