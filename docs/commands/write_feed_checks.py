@@ -73,6 +73,8 @@ class Kind(NamedTuple):
     scene: str
     sensor: str
     azimuth_deg: float = 2.0
+    # Whether its azimuths are off as they are told: of several receivers a bias is not modelled.
+    tells_wrong: bool = False
 
 
 KINDS = {
@@ -83,9 +85,10 @@ KINDS = {
     "microphones": Kind("field-day", "ears", 5.0),
     "RF": Kind("field-day", "rf", 5.0),
     "camera": Kind("field-day", "camera"),
+    "several receivers": Kind("several-receivers", "masts", tells_wrong=True),
 }
 # Errors are not judged of these: their plots do not err by the spread that they state.
-UNJUDGED = "several receivers, a pair of arrays, a layout"
+UNJUDGED = "a pair of arrays, a layout"
 COPIES, LENGTHS = 16, (40.0, 120.0)
 # Named in so many of the copies, or with that probability, a fault needs no longer run.
 MOST_NAMED, OFTEN = 15, 0.9
@@ -199,9 +202,11 @@ def faulty(kind: Kind) -> Iterator[tuple[str, Scene, SimulatedSensor]]:
     scene = load(path)
     own = next(s for s in scene.sensor if s.id == kind.sensor)
     tree, copies = own.model_dump(exclude_unset=True), []
-    for n, (keys, _) in enumerate(OF_KINDS.values()):
+    for n, (fault, (keys, _)) in enumerate(OF_KINDS.items()):
         does = tree | {name: dict(table) for name, table in keys.items()}
-        if "azimuth_offset_deg" in does.get("bias", {}):
+        if kind.tells_wrong and fault == "azimuth off":
+            does.pop("bias")
+        elif "azimuth_offset_deg" in does.get("bias", {}):
             does["bias"]["azimuth_offset_deg"] = kind.azimuth_deg
         made = type(own).model_validate(does)
         copies += [made.model_copy(update={"id": f"fault-{n}-{i}"}) for i in range(COPIES)]
@@ -210,6 +215,9 @@ def faulty(kind: Kind) -> Iterator[tuple[str, Scene, SimulatedSensor]]:
     for sensor in copies:
         fault = list(OF_KINDS)[int(sensor.id.split("-")[1])]
         seen = found[sensor.id]
+        if fault == "azimuth off" and kind.tells_wrong:
+            told_deg = (seen.plots.azimuth_deg + kind.azimuth_deg) % 360
+            seen = replace(seen, plots=seen.plots.but(azimuth_deg=told_deg))
         if fault == "height datum":
             seen = replace(seen, plots=seen.plots.but(height_m=seen.plots.height_m - DATUM_M))
         yield fault, whole, seen
