@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.fleets import drones as flying
 from support.random_scenes import SENSOR_MAKERS, Dice
 from support.scene_files import radar, scene_text
 
@@ -262,21 +263,9 @@ def sensors(seed: int) -> list[dict[str, Any]]:
 
 
 def drones(seed: int, n: int = 12) -> list[dict[str, Any]]:
-    by_chance = random.Random(seed)  # noqa: S311
-
-    def place() -> dict[str, float]:
-        return waypoint(
-            by_chance.uniform(0, 360), by_chance.uniform(1, 20), by_chance.uniform(200, 6000)
-        )
-
-    return [
-        {
-            "id": f"d{i}", "speed_m_s": by_chance.uniform(5, 60), "repeat": True,
-            "rcs_m2": by_chance.uniform(0.05, 1.0), "sound_power_db": by_chance.uniform(90, 110),
-            "emitters": [EMITTER], "path": [place() for _ in range(3)],
-        }
-        for i in range(n)
-    ]  # fmt: skip
+    some = flying(n, seed, 20.0, (200, 6000))
+    keys = {"sound_power_db": 110.0, "emitters": [EMITTER]}
+    return [one | keys | {"id": f"d{i}"} for i, one in enumerate(some)]
 
 
 def made_of(sensors: list[dict[str, Any]], seed: int, n: int = 12) -> Scene:

@@ -12,18 +12,16 @@ import numpy as np
 import pytest
 from google.protobuf import json_format
 from support.brokers import free_port, own_broker
-from support.scene_files import radar as radar_text
-from support.scene_files import scene_file, scene_text
 from support.sessions import at_work, simulated
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, geodetic
-from plotfeed.feeds.scene.scene import Scene, example, load
+from plotfeed.feeds.scene.scene import Scene, example
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
+from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef, geoid_undulation_m, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, fly, radar, rotating, scene
+from plotfeed.testing import START_NS, fly, held, radar, rotating, scene
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -128,27 +126,19 @@ async def test_by_mqtt_alone_plots_are_put_where_the_drone_is(tmp_path: Path) ->
     (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "mqtt.md").read_text(), re.DOTALL)
     names: dict[str, Any] = {}
     exec(compile(code, "docs/mqtt.md", "exec"), names)  # noqa: S102 - our own page
-    sensors = radar_text("radar", period_s=1.0, sectors=16, more="position_enu_m = [800, 300, 20]")
-    there_is = load(scene_file(tmp_path, scene_text(sensors=sensors, port=1883)))
-    port = free_port()
+    told, port = names["plots_on_the_earth"], free_port()
+    scan, place = rotating(1.0, 16), [800.0, 300.0, 20.0]
+    drones = [held("d", 60.0, 8.0, 1500.0, rcs_m2=0.1)]
+    there_is = scene([radar(scan=scan, position_enu_m=place)], drones, seed=1)
     with own_broker(tmp_path, port):
         async with at_work(there_is, port) as session:
-            found = await asyncio.to_thread(
-                names["plots_on_the_earth"], "127.0.0.1", port, seconds=3.0
-            )
-            entries = session.entries
+            found = await asyncio.to_thread(told, "127.0.0.1", port, seconds=3.0)
+            plots = [plot for entry in session.entries for plot in entry.plots if plot.drone]
     here = frame_at(there_is.scene.site, there_is.sensor[0].position_enu_m)
-    truth = {
-        plot.time_utc_ns: plot
-        for entry in entries
-        for plot in entry.plots
-        if plot.drone and plot.HasField("range_m")
-    }
+    truth = {plot.time_utc_ns: plot for plot in plots}
     known = [(truth[t_ns], place) for _, t_ns, *place in found if t_ns in truth]
     assert len(known) >= 3
     for plot, place in known:
-        north_m = here.from_ecef(geodetic_to_ecef(*place))
-        range_m = float(np.linalg.norm(north_m))
-        azimuth_deg = np.degrees(np.arctan2(north_m[0], north_m[1])) % 360
+        azimuth_deg, _, range_m = enu_to_aer(here.from_ecef(geodetic_to_ecef(*place)))
         assert range_m == pytest.approx(plot.range_m, abs=150.0)
-        assert abs((azimuth_deg - plot.azimuth_deg + 180) % 360 - 180) < 3.0
+        assert abs(wrap_180(azimuth_deg - plot.azimuth_deg)) < 3.0

@@ -14,14 +14,16 @@ from support.sessions import AtWork, Start, at_work, quiet_mosquitto
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import ways_out
 from plotfeed.models.beam import Sector
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.utc import iso_utc
-from plotfeed.testing import MqttMessage, MqttReceiver
+from plotfeed.testing import MqttReceiver
 
 KEPT = 12
 SECTOR_S = 6.0 / 240
+HERE = 40.46, -3.73, 900.0, AltitudeReference.ELLIPSOID
 PLOTS, STATUS = "plotfeed/radar/plots", "plotfeed/radar/status"
 
 
@@ -66,37 +68,28 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
             proxy.is_closed = False
             await until(lambda: not task.outbox.waiting)
             while not session.totals.telemetry:
-                ears.publish("plotfeed/telemetry/d", telemetry(session.clock.now_ns()))
+                report = PositionReport(session.clock.now_ns(), *HERE)
+                ears.publish("plotfeed/telemetry/d", report.to_json())
                 await asyncio.sleep(0.05)
             await session.sectors_more(5)
             await session_of.__aexit__(None, None, None)
-            last = place(session.sectors[-1].sector)
-            await asyncio.to_thread(ears.wait_for, lambda m: is_plots_of(m, last))
+            await until(lambda: place(session.sectors[-1].sector) in places(ears))
             states = [json.loads(payload)["state"] for payload in ears.on(STATUS)]
-            heard = [heard_place(payload) for payload in ears.on(PLOTS)]
+            heard = places(ears)
     assert_kept(session, policy, back_ns, heard)
     assert (states[0], states[-1]) == ("ONLINE", "OFFLINE")
     lost = [each for each in caplog.messages if "lost the connection" in each]
     assert len(lost) == 1  # of the one connection for data; those of last wills say nothing
 
 
-def telemetry(now_ns: int) -> bytes:
-    place = {"latitude_deg": 40.46, "longitude_deg": -3.73, "altitude_m": 900.0}
-    said = {"time_utc": iso_utc(now_ns), "altitude_reference": "ELLIPSOID", **place}
-    return json.dumps(said).encode()
+def places(ears: MqttReceiver) -> list[tuple[int, int]]:
+    """Scans and sectors of the plots that came."""
+    batches = [pb.PlotBatch.FromString(payload) for payload in ears.on(PLOTS)]
+    return [(batch.scan, batch.sector) for batch in batches]
 
 
 def place(sector: Sector) -> tuple[int, int]:
     return sector.scan, sector.index
-
-
-def heard_place(payload: bytes) -> tuple[int, int]:
-    batch = pb.PlotBatch.FromString(payload)
-    return batch.scan, batch.sector
-
-
-def is_plots_of(message: MqttMessage, wanted: tuple[int, int]) -> bool:
-    return message.topic == PLOTS and heard_place(message.payload) == wanted
 
 
 def assert_kept(session: AtWork, policy: str, back_ns: int, heard: list[tuple[int, int]]) -> None:

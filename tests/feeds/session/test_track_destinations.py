@@ -18,15 +18,14 @@ from websockets.exceptions import InvalidStatus
 
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.testing import START_NS, flown, radar, scene, waypoint
+from plotfeed.testing import START_NS, flown, radar, scene, staring, waypoint
 
 REPORT = ["air-traffic", "cot", "geojson"]
 
 
 def made(**destinations: Any) -> Scene:
     drones = [flown("d", waypoint(30, 8, 900), waypoint(30, 8, 2000))]
-    sensor = radar(report=REPORT, scan={"kind": "staring", "period_s": 0.5})
-    return scene([sensor], drones, seed=501, **destinations)
+    return scene([radar(report=REPORT, scan=staring(0.5))], drones, seed=501, **destinations)
 
 
 def clock() -> WallClock:
