@@ -216,6 +216,13 @@ MOTION = PlainMotion(density_m2_s3=1.0, initial_speed_m_s=15.0, gate_probability
 PLAIN_RULE = TrackRule(confirm_hits=3, confirm_window=5, drop_misses=3, period_ns=S)
 
 
+def rule_of(confirm: tuple[int, int], drop_misses: int, **more: int) -> TrackRule:
+    hits, window = confirm
+    return TrackRule(
+        confirm_hits=hits, confirm_window=window, drop_misses=drop_misses, period_ns=S, **more
+    )
+
+
 def plots(positions_m: list[tuple[float, ...]] | Array, t_ns: int, **more: Array) -> LocatedPlots:
     n = len(positions_m)
     return LocatedPlots(
@@ -300,7 +307,7 @@ def test_false_alarms_become_tracks_as_often_as_chance_brings_them_together() ->
 
     Each has a cell of its own, wider than the gate, so that these are independent.
     """
-    rule = TrackRule(confirm_hits=2, confirm_window=2, drop_misses=1, period_ns=S)
+    rule = rule_of((2, 2), 1)
     side_m, alarms_a_cell, n = 400.0, 20.0, 12
     rng, tracker = np.random.default_rng(5), tracker_of(rule)
     cells = side_m * (np.indices((n, n, n)).reshape(3, -1).T + 0.5)
@@ -435,11 +442,7 @@ HIT, MISS, ABSENT = "hit", "miss", "absent"
 
 rules = st.integers(1, 8).flatmap(
     lambda window: st.builds(
-        TrackRule,
-        confirm_hits=st.integers(1, window),
-        confirm_window=st.just(window),
-        drop_misses=st.integers(1, 6),
-        period_ns=st.just(S),
+        rule_of, st.tuples(st.integers(1, window), st.just(window)), st.integers(1, 6)
     )
 )
 scans = st.lists(
@@ -492,9 +495,8 @@ def test_tracks_begin_and_end_as_the_rule_says(
         assert list(zip(*(c.tolist() for c in columns), strict=True)) == expected
 
 
-def test_nobody_looked_in_a_skipped_scan() -> None:
-    rule = TrackRule(confirm_hits=2, confirm_window=3, drop_misses=2, period_ns=S)
-    lives = TrackLives(rule)
+def test_nobody_looked_in_a_skipped_scan_and_a_beam_may_come_half_a_turn_late() -> None:
+    lives = TrackLives(rule_of((2, 3), 2))
     feed(lives, 0, (HIT,))
     assert feed(lives, 1, (HIT,)).first.tolist() == [True]
     for scan in (50, 51, 90):
@@ -502,23 +504,15 @@ def test_nobody_looked_in_a_skipped_scan() -> None:
         assert told.track.tolist() == [1]
         assert not told.last.any()
         assert told.hit_utc_ns.tolist() == [START_NS + (51 if scan < 90 else 91) * S]
-
-
-def test_a_beam_may_come_by_half_a_turn_late() -> None:
-    rule = TrackRule(
-        confirm_hits=1, confirm_window=1, drop_misses=2, period_ns=S, patience_ns=S // 2
-    )
-    lives = TrackLives(rule)
-    told = [feed(lives, 0, (HIT,), S // 8)]
-    told += [feed(lives, k, (ABSENT,), S // 8) for k in range(1, 30)]
-    assert [k for k, t in enumerate(told) if len(t)] == [0, 12, 20]
-    assert [t.misses.tolist() for t in told if len(t)] == [[0], [1], [2]]
-    assert told[20].last.tolist() == [True]
+    lives = TrackLives(rule_of((1, 1), 2, patience_ns=S // 2))
+    turns = [feed(lives, k, (ABSENT if k else HIT,), S // 8) for k in range(30)]
+    assert [k for k, t in enumerate(turns) if len(t)] == [0, 12, 20]
+    assert [t.misses.tolist() for t in turns if len(t)] == [[0], [1], [2]]
+    assert turns[20].last.tolist() == [True]
 
 
 def test_numbers_start_again_and_leave_out_those_in_use() -> None:
-    rule = TrackRule(confirm_hits=1, confirm_window=1, drop_misses=1, period_ns=S, last_number=3)
-    lives = TrackLives(rule)
+    lives = TrackLives(rule_of((1, 1), 1, last_number=3))
     assert feed(lives, 0, (HIT, HIT)).track.tolist() == [1, 2]
     assert feed(lives, 1, (HIT, MISS)).track.tolist() == [1, 2]
     assert feed(lives, 2, (HIT, HIT, HIT, HIT)).track.tolist() == [1, 3, 2]  # and none is left

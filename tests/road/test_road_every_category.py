@@ -17,6 +17,7 @@ from support.asterix_readers import items_of, read_blocks, values_of
 from support.every_kind import RF
 
 from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.models.frames import wrap_180
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, Feed, fly
@@ -65,21 +66,20 @@ def test_it_reads_as_many_records_and_the_same_items(topic: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sensor", "category", "item"),
-    [("mimo", 15, "I015/627"), ("passive", 15, "I015/627"), ("finder", 205, "I205/070")],
+    ("topic", "item", "column", "lsb"),
+    [
+        ("mimo/asterix/015", "I015/627", "azimuth_deg", 360 / (1 << 16)),
+        ("passive/asterix/015", "I015/627", "azimuth_deg", 360 / (1 << 16)),
+        ("passive/asterix/015", "I015/625", "bistatic_range_m", 0.1),
+        ("finder/asterix/205", "I205/070", "azimuth_deg", 0.01),
+    ],
 )
-def test_bearings_are_those_of_the_protobuf(sensor: str, category: int, item: str) -> None:
-    lsb_deg = {15: 360 / (1 << 16), 205: 0.01}[category]
-    read_deg = np.array([r[item][0] for r in theirs(f"{sensor}/asterix/{category:03}")])
-    sent_deg = road().plots(sensor).azimuth_deg
-    difference_deg = (read_deg - sent_deg + 180) % 360 - 180
-    assert np.abs(difference_deg).max() <= lsb_deg / 2 * (1 + 1e-6)
-
-
-def test_bistatic_ranges_are_those_of_the_protobuf() -> None:
-    read_m = np.array([r["I015/625"][0] for r in theirs("passive/asterix/015")])
-    sent_m = road().plots("passive").bistatic_range_m
-    assert np.abs(read_m - sent_m).max() <= 0.05 * (1 + 1e-6)
+def test_what_is_read_is_the_protobuf_to_half_a_step(
+    topic: str, item: str, column: str, lsb: float
+) -> None:
+    read = np.array([record[item][0] for record in theirs(topic)])
+    sent = getattr(road().plots(topic.partition("/")[0]), column)
+    assert np.abs(wrap_180(read - sent)).max() <= lsb / 2 * (1 + 1e-6)
 
 
 def test_a_passive_radar_says_where_its_transmitter_stands() -> None:

@@ -1,4 +1,4 @@
-"""Logs of flights flown by a scene: plots lie about the path with the errors they state."""
+"""Logs of flights flown by a scene: the ledger and the file have one path."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 from support.given_flights import EVERY_FLIGHT, GivenFlight
-from support.significance import assert_standard_normal
 
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
+from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, Feed, FeedTable, fly, rotating, staring
 
@@ -50,18 +49,3 @@ def test_the_path_is_that_of_the_file(flight: GivenFlight) -> None:
     apart_m = np.linalg.norm(flight.knots_enu_m - flight.recorded_enu_m, axis=1)
     assert np.median(apart_m) < flight.step_m / 2
     assert apart_m.max() < flight.step_m * 1.5
-
-
-@EVERY_SENSOR
-@EVERY_FLIGHT
-def test_plots_lie_about_the_path_with_the_errors_they_state(
-    flight: GivenFlight, sensor: str
-) -> None:
-    plots = detections(flight, sensor)
-    path = flight.path((plots.time_utc_ns - START_NS) / NS)
-    azimuth_deg, elevation_deg, range_m = enu_to_aer(path)
-    off_deg = wrap_180(plots.azimuth_deg - azimuth_deg)
-    assert_standard_normal((plots.range_m - range_m) / plots.sigma_range_m, "range")
-    assert_standard_normal(off_deg / plots.sigma_azimuth_deg, "azimuth")
-    up_deg = plots.elevation_deg - elevation_deg
-    assert_standard_normal(up_deg / plots.sigma_elevation_deg, "elevation")
