@@ -12,7 +12,6 @@ earliest beside its recorded time.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import socket
@@ -22,7 +21,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +75,8 @@ int main(int n_arguments, char **arguments) {
 """
 
 
-def listen(port_file: Path, result_file: Path, count: int) -> None:
-    """In a process of its own: kernel time and the first octets of each datagram, to a file."""
+def listen(result_file: Path, count: int) -> None:
+    """In a process of its own: says its port, and keeps the kernel's time of each datagram."""
     import numpy as np
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
@@ -87,88 +85,56 @@ def listen(port_file: Path, result_file: Path, count: int) -> None:
             with contextlib.suppress(OSError):
                 ears.setsockopt(socket.SOL_SOCKET, option, 64 << 20)
         ears.bind((HOST, 0))
-        partial = port_file.with_suffix(".new")
-        partial.write_text(str(ears.getsockname()[1]))
-        partial.rename(port_file)
+        print(ears.getsockname()[1], flush=True)
         times: list[int] = []
-        heads: list[bytes] = []
         ears.settimeout(60)
         with contextlib.suppress(TimeoutError):
             while len(times) < count:
-                octets, stamps, _, _ = ears.recvmsg(2048, 64)
+                _, stamps, _, _ = ears.recvmsg(2048, 64)
                 seconds, ns = struct.unpack_from("qq", stamps[0][2])
                 times.append(seconds * S + ns)
-                heads.append(octets[:16].ljust(16, b"\0"))
                 if len(times) in (1, count // 2):
                     ears.settimeout(SILENCE_S)
-    np.savez(result_file, times=np.array(times), heads=np.array(heads, dtype="S16"))
-
-
-@dataclass(frozen=True)
-class Heard:
-    times_ns: Any
-    count: int
+    np.save(result_file, times)
 
 
 class Listener:
     """That process."""
 
     def __init__(self, folder: Path, count: int) -> None:
-        self._port, self._result = folder / "port", folder / "result.npz"
-        for file in (self._port, self._result):
-            file.unlink(missing_ok=True)
-        arguments = [sys.executable, __file__, "listen", self._port, self._result, count]
-        self._process = subprocess.Popen([str(a) for a in arguments])
-        while not self._port.exists():
-            if self._process.poll() is not None:
-                raise RuntimeError("the listener has ended")
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(0.02)
-        self.port = int(self._port.read_text())
+        self._result = folder / "times.npy"
+        arguments = [sys.executable, __file__, "listen", self._result, count]
+        self._process = subprocess.Popen([str(a) for a in arguments], stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        self.port = int(self._process.stdout.readline())
 
-    def heard(self) -> Heard:
-        """What came, when it has been silent for a while."""
+    def times_ns(self) -> Any:
+        """When each datagram came, once it has been silent for a while."""
         import numpy as np
 
-        self._process.wait(120)
-        with np.load(self._result) as found:
-            return Heard(found["times"], len(found["times"]))
+        self._process.communicate(timeout=120)
+        return np.load(self._result)
 
 
-def scene(folder: Path) -> Any:
-    """Radars that turn at eight speeds, each with 32 sectors a turn, and a drone."""
-    from support.scene_files import radar, scene_file, scene_text
-
-    from plotfeed.feeds.scene.scene import load
-
-    radars = (radar(f"radar{i}", period_s=0.9 + i / 10, sectors=32) for i in range(8))
-    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors="\n".join(radars))
-    return load(scene_file(folder, text))
-
-
-def recorded(folder: Path, seconds: float) -> list[Any]:
-    """The ASTERIX that they send in that time, each message when it is due."""
-    from plotfeed.feeds.session.session import run
-    from plotfeed.feeds.timing.clock import InstantClock
+def recorded(seconds: float) -> list[Any]:
+    """ASTERIX of radars that turn at eight speeds, 32 sectors a turn, each when it is due."""
     from plotfeed.replay.recorded import Recorded
+    from plotfeed.testing import flown, fly, radar, rotating, scene, waypoint
 
-    found: list[Recorded] = []
-
-    def tap(message: Any, _sent_utc_ns: int) -> None:
-        if message.content_type.startswith("application/x-asterix"):
-            found.append(
-                Recorded(
-                    topic=f"udp/{HOST}/8600",
-                    payload=message.payload,
-                    log_time_ns=message.due_utc_ns,
-                    publish_time_ns=message.due_utc_ns,
-                    content_type=message.content_type,
-                )
-            )
-
-    radars = scene(folder)
-    clock = InstantClock(radars.scene.start_utc_ns)
-    asyncio.run(run(radars, clock=clock, broker="none", duration_s=seconds, tap=tap))
+    radars = [radar(id=f"radar{i}", scan=rotating(0.9 + i / 10, 32)) for i in range(8)]
+    drone = flown("visitor", waypoint(60.0, 5.0, 1700.0), waypoint(320.0, 5.0, 1500.0))
+    sent = fly(scene(radars, [drone], seed=3), seconds).messages
+    found = [
+        Recorded(
+            topic=f"udp/{HOST}/8600",
+            payload=message.payload,
+            log_time_ns=message.due_utc_ns,
+            publish_time_ns=message.due_utc_ns,
+            content_type=message.content_type,
+        )
+        for message in sent
+        if message.content_type.startswith("application/x-asterix")
+    ]
     return sorted(found, key=lambda r: r.log_time_ns)
 
 
@@ -256,13 +222,13 @@ def players() -> dict[str, Callable[..., Any]]:
     return {"plotfeed": by_plotfeed, **by_compiler, "ast-tool-py": by_ast_tool}
 
 
-def errors_us(messages: Sequence[Any], heard: Heard) -> Any:
+def errors_us(messages: Sequence[Any], times_ns: Any) -> Any:
     """How much later each datagram came than the recording has it."""
     import numpy as np
 
-    if heard.count != len(messages):
-        raise RuntimeError(f"{heard.count} datagrams came of {len(messages)}")
-    late_ns = heard.times_ns - np.array([m.log_time_ns for m in messages])
+    if len(times_ns) != len(messages):
+        raise RuntimeError(f"{len(times_ns)} datagrams came of {len(messages)}")
+    late_ns = times_ns - np.array([m.log_time_ns for m in messages])
     return (late_ns - late_ns.min()) / 1e3
 
 
@@ -275,7 +241,7 @@ def by_turns(
         for name, play in players().items():
             listener = Listener(file.parent, len(messages))
             play(file, listener.port)
-            found[name].append(told(errors_us(messages, listener.heard())))
+            found[name].append(told(errors_us(messages, listener.times_ns())))
     return found
 
 
@@ -353,8 +319,8 @@ def at_full_speed(folder: Path, messages: Sequence[Any], repeats: int) -> list[f
     for _ in range(repeats):
         listener = Listener(folder, len(messages))
         by_ast_tool(file, listener.port, "--full-speed")
-        heard = listener.heard()
-        found.append((heard.count - 1) / (int(heard.times_ns[-1] - heard.times_ns[0]) / S) / 1e3)
+        times_ns = listener.times_ns()
+        found.append((len(times_ns) - 1) / (int(times_ns[-1] - times_ns[0]) / S) / 1e3)
     return found
 
 
@@ -389,7 +355,7 @@ def main(repeats: int) -> None:
     """Measures and prints."""
     python_with(OTHER, AST_TOOL)
     with tempfile.TemporaryDirectory() as folder:
-        long = recorded(Path(folder), DRIFT_SECONDS)
+        long = recorded(DRIFT_SECONDS)
         short = [m for m in long if m.log_time_ns < long[0].log_time_ns + SECONDS * S]
         exactness(Path(folder), short, repeats)
         drift(Path(folder), long, repeats)
@@ -398,6 +364,6 @@ def main(repeats: int) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["listen"]:
-        listen(Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))
+        listen(Path(sys.argv[2]), int(sys.argv[3]))
     else:
         main(int(sys.argv[1]) if sys.argv[1:] else REPEATS)
