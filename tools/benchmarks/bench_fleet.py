@@ -21,8 +21,10 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from aims import aim, cpu_s, ratios, spread, table
+from section_4_crowd import place
 from support.brokers import free_port, mosquitto
 from support.fleets import Fleet, fleet
 from support.scene_files import DRONE, scene_file, scene_text
@@ -35,7 +37,7 @@ from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.testing import START_NS, radar, rotating, scene
+from plotfeed.testing import START_NS, flown, radar, rotating, scene
 
 RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 60.0, 4
 SPEEDUP, MOST_TAKE_OVER_S = 1.8, 1.0
@@ -54,26 +56,14 @@ def many(elsewhere: int = 0) -> Scene:
         )
         for i in range(RADARS)
     ]  # fmt: skip
+    how: dict[str, Any] = {"speed_m_s": 20.0, "rcs_m2": 0.5}
+    paths = {f"d{i}": ((2000.0 * i, 1500.0), (2000.0 * i + 1500.0, -1500.0)) for i in range(DRONES)}
+    paths |= {
+        f"e{i}": ((-2e5 - 50.0 * i, -1500.0), (-2e5 - 50.0 * i, 1500.0)) for i in range(elsewhere)
+    }
     drones = [
-        {
-            "id": f"d{i}", "speed_m_s": 20.0, "repeat": True, "rcs_m2": 0.5,
-            "path": [
-                {"east_m": 2000.0 * i, "north_m": 1500.0, "above_site_m": 300.0},
-                {"east_m": 2000.0 * i + 1500.0, "north_m": -1500.0, "above_site_m": 300.0},
-            ],
-        }
-        for i in range(DRONES)
-    ]  # fmt: skip
-    drones += [
-        {
-            "id": f"e{i}", "speed_m_s": 20.0, "repeat": True, "rcs_m2": 0.5,
-            "path": [
-                {"east_m": -2e5 - 50.0 * i, "north_m": north_m, "above_site_m": 300.0}
-                for north_m in (-1500.0, 1500.0)
-            ],
-        }
-        for i in range(elsewhere)
-    ]  # fmt: skip
+        flown(name, *(place(*at, 300.0) for at in path), **how) for name, path in paths.items()
+    ]
     return scene(sensors, drones, seed=1, mqtt={"truth": False})
 
 

@@ -14,18 +14,17 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from aims import YARDSTICK, ratios, spread, table, yardstick_us
 from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 from support.brokers import free_port
-from support.scene_files import radar, scene_text
 from support.sessions import at_work
 
-from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports
 from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.testing import radar, scene, staring
 
 NS = 1_000_000_000
 NOW_NS = 1_767_268_800 * NS
@@ -86,23 +85,18 @@ def show_costs() -> None:
     table(head, rows)
 
 
-def scene(port: int) -> Scene:
+def seeing(port: int) -> Scene:
     """A staring radar that sees all there is, and nothing that is not."""
-    seeing = (
-        radar(period_s=PERIOD_S, sectors=1)
-        .replace("rotating", "staring")
-        .replace("sectors = 1\n", "")
-    )
-    seeing = seeing.replace("pfa = 1e-5", "pfa = 1e-14").replace("power_w = 500.0", "power_w = 1e6")
-    text = f'stale_after_s = {STALE_S}\n[[telemetry.source]]\nurl = "mavlink:udp::{port}"\n'
-    return parsed(scene_text(sensors=seeing, drones="", telemetry=text).encode(), Path("a.toml"))
+    telemetry = {"stale_after_s": STALE_S, "source": [{"url": f"mavlink:udp::{port}"}]}
+    sensor = radar(scan=staring(PERIOD_S), pfa=1e-14, power_w=1e6)
+    return scene([sensor], seed=1, telemetry=telemetry)
 
 
 async def latencies_s(trials: int) -> list[float]:
     """From the first packet of a new drone to the first plot."""
     port, found = free_port(), list[float]()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        async with at_work(scene(port), None) as session:
+        async with at_work(seeing(port), None) as session:
             for trial in range(trials):
                 await asyncio.sleep(3 * STALE_S + 1.0 + trial * 0.0137)  # at any part of a period
                 before, began_s = session.totals.plots, time.monotonic()
