@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from google.protobuf.descriptor import FieldDescriptor
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.command import plotfeed_here, refusal
 from support.ledgers import as_received, entries, record_session, recorded, told, written
 from support.links import link
 from support.recordings import mcap_of
-from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
 from plotfeed.feeds.lab.evidence import AskedByTime
@@ -26,13 +26,12 @@ from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
 from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.feeds.lab.report import lines, print_report
 from plotfeed.feeds.recording.recorded_settings import RecordedSettings
-from plotfeed.feeds.scene.scene import load
 from plotfeed.models.residuals import Check
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap import McapReader
-from plotfeed.testing import START_NS
+from plotfeed.testing import START_NS, flown, radar, rotating, scene
 
 Capture = pytest.CaptureFixture[str]
 LOSSY = {
@@ -171,52 +170,37 @@ def test_what_is_whole_of_a_damaged_file_counts(tmp_path: Path, capsys: Capture)
         printed(cut, capsys)
 
 
-times = st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**6)
-numbers = st.floats() | st.floats(0, 1)
-sents = st.builds(
-    pb.Sent,
-    due_utc_ns=times,
-    sent_utc_ns=times,
-    link_due_utc_ns=times,
-    number=times,
-    copy=st.integers(-2, 3),
-    fate=st.integers(0, 9),
-    delivered=st.booleans(),
-    octets=st.integers(-(2**31), 2**31 - 1),
-)
-looks = st.builds(pb.Look, range_m=numbers, pd=numbers, detected=st.booleans())
-truths = st.builds(
-    pb.PlotTruth,
-    drone=st.sampled_from(["", "d"]),
-    time_utc_ns=times,
-    range_m=numbers,
-    azimuth_deg=numbers,
-    elevation_deg=numbers,
-)
-hostile = st.builds(
+TIMES = st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**6)
+OF_TYPE = {
+    FieldDescriptor.CPPTYPE_DOUBLE: st.floats() | st.floats(0, 1),
+    FieldDescriptor.CPPTYPE_INT64: TIMES,
+    FieldDescriptor.CPPTYPE_INT32: st.integers(-(2**31), 2**31 - 1) | st.integers(-2, 3),
+    FieldDescriptor.CPPTYPE_ENUM: st.integers(0, 9),
+    FieldDescriptor.CPPTYPE_BOOL: st.booleans(),
+}
+
+
+def any_of(kind: Any, most: int = 0, **known: Any) -> st.SearchStrategy[Any]:
+    """Messages of whatever numbers; lists of at most so many of them, if that is given."""
+    plain = (f for f in kind.DESCRIPTOR.fields if f.cpp_type in OF_TYPE and not f.is_repeated)
+    built = st.builds(kind, **{f.name: OF_TYPE[f.cpp_type] for f in plain} | known)
+    return st.lists(built, max_size=most) if most else built
+
+
+HOSTILE = any_of(
     pb.Ledger,
     sensor=st.sampled_from(["a", "b", "\n"]),
-    scan=times,
-    sector=st.integers(-(2**31), 2**31 - 1),
-    looks=st.lists(looks, max_size=4),
-    plots=st.lists(truths, max_size=4),
-    messages=st.lists(sents, max_size=6),
+    looks=any_of(pb.Look, 4, drone=st.sampled_from(["", "d"])),
+    plots=any_of(pb.PlotTruth, 4, drone=st.sampled_from(["", "d"])),
+    messages=any_of(pb.Sent, 6),
     link=st.sampled_from(["", '{"latency_ms":1.0,"jitter_ms":1.0}', '{"down":true}', "x"]),
-)
-plot = st.builds(
-    pb.Plot,
-    time_utc_ns=times,
-    range_m=numbers,
-    azimuth_deg=numbers,
-    sigma_range_m=numbers,
-    sigma_azimuth_deg=numbers,
 )
 
 
 @settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, deadline=None
 )
-@given(st.lists(hostile, max_size=6), st.lists(plot, max_size=4))
+@given(st.lists(HOSTILE, max_size=6), any_of(pb.Plot, 4))
 def test_whatever_a_ledger_says_is_told_or_left_out(
     tmp_path: Path, ledgers: list[pb.Ledger], plots: list[pb.Plot]
 ) -> None:
@@ -224,15 +208,11 @@ def test_whatever_a_ledger_says_is_told_or_left_out(
         if len(entry.plots) == len(plots):
             for truth, measured in zip(entry.plots, plots, strict=True):
                 truth.time_utc_ns = measured.time_utc_ns
-    batches = [
-        pb.PlotBatch(sensor=entry.sensor, scan=entry.scan, sector=entry.sector, plots=plots)
-        for entry in ledgers
-    ]
-    messages = [
-        message
-        for batch in batches
-        for message in recorded([batch.SerializeToString()], topic=f"plotfeed/{batch.sensor}/plots")
-    ]
+    messages = []
+    for entry in ledgers:
+        of = {"sensor": entry.sensor, "scan": entry.scan, "sector": entry.sector}
+        batch = pb.PlotBatch(**of, plots=plots).SerializeToString()
+        messages += recorded([batch], topic=f"plotfeed/{entry.sensor}/plots")
     messages += recorded([*ledgers, pb.Ledger(sensor="a")])
     found = told(written(tmp_path / "hostile.mcap", messages))
     assert all("\n" not in line for line in lines(found))
@@ -241,54 +221,36 @@ def test_whatever_a_ledger_says_is_told_or_left_out(
 
 # Whole sessions.
 
-SECONDS = 100.0
-IMPAIRED = """
-link = { latency_ms = 80.0, jitter_ms = 15.0, delay_correlation = 0.3, duplicate = 0.05, \
-corrupt = 0.05, loss = { kind = "gilbert-elliott", mean_loss = 0.1, mean_burst = 3.0 } }
-"""
-EVENTS = """
-[[sensor.event]]
-from_s = 40.0
-to_s = 70.0
-set = { pfa_factor = 5 }
-[[sensor.event]]
-from_s = 80.0
-to_s = 90.0
-set = { link = { down = true } }
-"""
-BOTH = 'report = ["asterix-048", "plots"]'
-OTHERS = """
-[[birds]]
-id = "gulls"
-count = 5
-rcs_m2 = 0.01
-path = [
-    { east_m = 800.0, north_m = 1500.0, above_site_m = 80.0 },
-    { east_m = -900.0, north_m = 1500.0, above_site_m = 80.0 },
-]
 
-[[clutter]]
-id = "woods"
-plots_per_km2 = 20.0
-area = [
-    { east_m = -1500.0, north_m = -500.0, above_site_m = 0.0 },
-    { east_m = 1500.0, north_m = -500.0, above_site_m = 0.0 },
-    { east_m = 1500.0, north_m = -2000.0, above_site_m = 0.0 },
+def at(east_m: float, north_m: float, above_site_m: float) -> dict[str, float]:
+    return {"east_m": east_m, "north_m": north_m, "above_site_m": above_site_m}
+
+
+DELAYED = {"latency_ms": 80.0, "jitter_ms": 15.0, "delay_correlation": 0.3}
+BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 3.0}
+IMPAIRED = DELAYED | {"duplicate": 0.05, "corrupt": 0.05, "loss": BURSTS}
+EVENTS = [
+    {"from_s": 40.0, "to_s": 70.0, "set": {"pfa_factor": 5}},
+    {"from_s": 80.0, "to_s": 90.0, "set": {"link": {"down": True}}},
 ]
-"""
-SCENE = scene_text(
-    sensors=radar("lossy", more=f"{BOTH}\n{IMPAIRED}")
-    + EVENTS
-    + radar("weak", period_s=1.0, more=BOTH).replace("500.0", "0.05"),
-    drones=DRONE + DRONE.replace("visitor", "other").replace("800.0", "9000.0") + OTHERS,
-    port=1883,
+AREA = [at(-1500.0, -500.0, 0.0), at(1500.0, -500.0, 0.0), at(1500.0, -2000.0, 0.0)]
+FLOCK = [at(800.0, 1500.0, 80.0), at(-900.0, 1500.0, 80.0)]
+TURNING = {"elevation_min_deg": -5.0, "pfa": 1e-5, "range_max_m": 10_000.0, "integration_s": 0.01}
+SCENE = scene(
+    [
+        radar(id="lossy", scan=rotating(0.5), link=IMPAIRED, event=EVENTS, **TURNING),
+        radar(id="weak", sic=2, scan=rotating(1.0), **TURNING | {"power_w": 0.5}),
+    ],
+    [flown(f"d{n}", at(n, 800.0, 200.0), at(-900.0, 1200.0, 200.0)) for n in (1500.0, 900.0)],
+    seed=3,
+    birds=[{"id": "gulls", "count": 5, "rcs_m2": 0.01, "path": FLOCK}],
+    clutter=[{"id": "woods", "plots_per_km2": 20.0, "area": AREA}],
 )
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("session")
-    return record_session(load(scene_file(folder, SCENE)), folder / "session.mcap", SECONDS)
+    return record_session(SCENE, tmp_path_factory.mktemp("session") / "session.mcap", 100.0)
 
 
 @pytest.fixture(scope="module")
@@ -362,10 +324,9 @@ def test_what_a_broker_has_heard_is_told_as_far_as_it_goes(
     )
 
 
-def test_what_control_changed_counts_from_then_on(tmp_path: Path) -> None:
-    scene = load(scene_file(tmp_path, SCENE))
-    sensor, settings = scene.sensor[1], RecordedSettings(scene)
-    asked = AskedByTime(scene, sensor, settings, START_NS)
+def test_what_control_changed_counts_from_then_on() -> None:
+    sensor, settings = SCENE.sensor[1], RecordedSettings(SCENE)
+    asked = AskedByTime(SCENE, sensor, settings, START_NS)
     first = START_NS // NS + 1
 
     def alarms(scan: int) -> float:
