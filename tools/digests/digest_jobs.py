@@ -18,6 +18,7 @@ from digest_listeners import broker, datagrams
 from digest_wrong import damage, wrong_scenes, wrong_uses
 
 from plotfeed import load, simulate
+from plotfeed.feeds.cli.main import cli
 
 Job = Callable[[Bench], None]
 
@@ -35,22 +36,6 @@ OF_FEEDS = (
 )
 SUFFIXES = ("jsonl", "pcap", "ff", "ast", "mcap")
 TABLES = ("plots", "truths", "looks", "tracks", "messages", "fates")
-COMMANDS = (
-    *(
-        "demo",
-        "run",
-        "inject",
-        "check",
-        "needs",
-        "chart",
-        "show",
-        "replay",
-        "convert",
-        "record",
-        "report",
-    ),
-    *("sensors", "schema", "score", "sweep", "fleet", "merge", "scenes"),
-)
 CHARTED = ("section-4", "radars", "listeners")
 # Times, and what is chosen by times, do not repeat; nor does the machine.
 OF_CHARTS = json_without("machine", "processor", "processor_s_per_s")
@@ -264,7 +249,7 @@ def _inject(bench: Bench, *, file: str) -> None:
 def _static(bench: Bench) -> None:
     bench.run("static", "--version")
     bench.run("static", "--help")
-    for command in COMMANDS:
+    for command in cli.commands:
         bench.run("static", command, "--help")
     for what in ("scene", "messages", "asyncapi"):
         bench.run("static", "schema", what)
