@@ -13,7 +13,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from contextlib import (
+    AbstractContextManager,
+    ExitStack,
+    asynccontextmanager,
+    contextmanager,
+    suppress,
+)
 from functools import cache
 from itertools import cycle
 from pathlib import Path
@@ -104,6 +110,12 @@ def mosquitto(
     finally:
         broker.terminate()
         broker.wait(PATIENCE_S)
+
+
+def quiet_mosquitto(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    """Mosquitto whose own queues are not what is tested."""
+    listener = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
+    return mosquitto(folder, port, f"{listener}max_queued_messages 0\n")
 
 
 def password_file(folder: Path, username: str, password: str) -> Path:

@@ -9,7 +9,7 @@ import random
 import signal
 import subprocess
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -167,29 +167,23 @@ def judged(
     gaps: Sequence[Mapping[str, Any]],
 ) -> Verdict:
     """What was heard, by topic, against what one process sends."""
-    verdict = Verdict()
-    places: dict[str, dict[bytes, int]] = {}
-    of_topic: dict[str, list[Message]] = {}
+    verdict, of_topic = Verdict(), defaultdict[str, list[Message]](list)
     for message in wanted:
-        known = places.setdefault(message.topic, {})
-        known[message.payload] = len(known)
-        of_topic.setdefault(message.topic, []).append(message)
+        of_topic[message.topic].append(message)
     for topic, payloads in heard.items():
-        verdict.heard += len(payloads)
-        verdict.twice += sum(count - 1 for count in Counter(payloads).values())
-        known = places.get(topic, {})
+        known = {message.payload: place for place, message in enumerate(of_topic[topic])}
         at = [known[payload] for payload in payloads if payload in known]
+        verdict.heard += len(payloads)
+        verdict.twice += len(payloads) - len(set(payloads))
         verdict.foreign += len(payloads) - len(at)
         verdict.foreign_topics |= {topic} if len(payloads) > len(at) else set()
         verdict.disordered += sum(a > b for a, b in pairwise(at))
         came = set(at)
-        for place, message in enumerate(of_topic.get(topic, [])):
-            if place in came or place > max(came, default=-1):
-                continue
-            if any(_is_in(gap, message) for gap in gaps):
-                verdict.in_gaps += 1
-            else:
-                verdict.missing.append(message)
+        missed = [m for place, m in enumerate(of_topic[topic][: max(came, default=-1) + 1])
+                  if place not in came]  # fmt: skip
+        told = [any(_is_in(gap, message) for gap in gaps) for message in missed]
+        verdict.in_gaps += sum(told)
+        verdict.missing += [m for m, is_told in zip(missed, told, strict=True) if not is_told]
     return verdict
 
 

@@ -10,7 +10,6 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from support.brokers import mosquitto
 from support.waiting import until
 
 from plotfeed.feeds.link.counters import SessionCounters
@@ -28,12 +27,6 @@ from plotfeed.testing import START_NS
 
 Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
 Asked = tuple[float, str, bytes]  # Seconds after the beginning, a topic and what is said on it
-
-
-def quiet_mosquitto(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
-    """Whose own queues are not what is tested."""
-    listener = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
-    return mosquitto(folder, port, f"{listener}max_queued_messages 0\n")
 
 
 class StallingClock(InstantClock):

@@ -30,7 +30,7 @@ sys.path.extend(
 from fuzz.first_seeds import seeds_of
 from pages import between, table
 from soak_scene import reported
-from support.brokers import free_port, mosquitto, wait_until_listening
+from support.brokers import free_port, mosquitto, quiet_mosquitto, wait_until_listening
 from support.command import PLOTFEED, plotfeed
 from support.scene_files import radar, scene_file, scene_text
 
@@ -158,8 +158,7 @@ def garbage(folder: Path, for_s: float) -> Kept:
 def burst(folder: Path, messages: int) -> Kept:
     """So many reports of fifty drones at once, by a broker that drops none: each is told of."""
     port, scene = free_port(), scene_file(folder, scene_text(sensors=SENSORS, drones=""))
-    settings = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
-    with mosquitto(folder, port, settings):
+    with quiet_mosquitto(folder, port):
         session = begun(*("run", scene, "--duration", 20, "--broker", f"mqtt://127.0.0.1:{port}"))
         client = MqttReceiver(port, 5, "plotfeed/one/plots")
         client.wait_for(lambda _: True)

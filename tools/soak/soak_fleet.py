@@ -32,7 +32,7 @@ sys.path.extend(
 
 from aims import spread
 from pages import between
-from support.brokers import free_port, mosquitto
+from support.brokers import free_port, quiet_mosquitto
 from support.fleets import NS, Fleet, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.servers import Proxy, proxied
@@ -126,9 +126,8 @@ def soaked(folder: Path, asked: argparse.Namespace) -> dict[str, Any]:
     port = free_port()
     scene = scene_file(folder, text_of_scene(asked.radars))
     names = [f"r{i}" for i in range(asked.radars)]
-    quiet = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     words = ["--workers", str(asked.workers), "--spares", str(asked.spares)]
-    with mosquitto(folder, port, quiet):
+    with quiet_mosquitto(folder, port):
         proxy = ProxyThread(port)
         with fleet(scene, port, *words, by_port=proxy.port) as at_work:
             at_work.wait(lambda: at_work.sends(asked.workers), "it never began")

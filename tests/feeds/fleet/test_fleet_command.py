@@ -10,7 +10,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, mosquitto
+from support.brokers import free_port, mosquitto, quiet_mosquitto
 from support.command import plotfeed_here
 from support.fleets import by_topic, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
@@ -69,9 +69,8 @@ def test_none_is_sent_twice_whatever_becomes_of_processes(tmp_path: Path) -> Non
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
     names = [sensor.id for sensor in load(scene).sensor]
     broker = f"mqtt://127.0.0.1:{port}"
-    quiet = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     with (
-        mosquitto(tmp_path, port, quiet),
+        quiet_mosquitto(tmp_path, port),
         fleet(scene, port, "--workers", "2", "--spares", "1", "--json", *soon()) as at_work,
     ):
         at_work.wait(lambda: at_work.sends(2), "it never began")

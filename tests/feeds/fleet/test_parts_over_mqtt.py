@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brokers import free_port, mosquitto, own_broker
+from support.brokers import free_port, mosquitto, own_broker, quiet_mosquitto
 from support.fleets import Verdict, by_topic, judged, reference, stateless
 from support.servers import Proxy, proxied
-from support.sessions import AtWork, Start, quiet_mosquitto
+from support.sessions import AtWork, Start
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.fleet import part_hold

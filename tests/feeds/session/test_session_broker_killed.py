@@ -7,10 +7,10 @@ import json
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, own_broker
+from support.brokers import free_port, own_broker, quiet_mosquitto
 from support.scene_files import radar, scene_file, scene_text
 from support.servers import proxied
-from support.sessions import AtWork, Start, at_work, quiet_mosquitto
+from support.sessions import AtWork, Start, at_work
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import load
