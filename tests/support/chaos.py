@@ -10,7 +10,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing.synchronize import Event
@@ -19,11 +19,12 @@ from pathlib import Path
 from fuzz.first_seeds import seeds_of
 from support.brokers import free_port, own_broker
 from support.scene_files import radar, scene_text
-from support.sessions import AtWork, at_work
+from support.sessions import at_work
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.link.counters import lateness_us
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.testing import MqttReceiver
 
@@ -208,29 +209,19 @@ async def beside(
         end_s = time.monotonic() - ended_s
         over.set()
         await asyncio.to_thread(bad.join)
-    said, alone = octets_of(session), octets_alone(scene, session)
+    engine = Engine(scene, session.session.start_ns)
+    alone = octets_of(engine.until(session.sectors[-1].sector.end_ns))
+    said = octets_of(session.sectors)
     differing = sum(alone.get(key) != payload for key, payload in said.items())
     p99_ms = lateness_us(session.totals.lateness_ns, 99)[0] / 1e3
     return Outcome(session.totals.refused, len(session.sectors), differing, p99_ms, end_s)
 
 
-def octets_of(session: AtWork) -> dict[tuple[int, str], bytes]:
+def octets_of(batches: Iterable[Batch]) -> dict[tuple[int, str], bytes]:
     """What sensors said, by the end of the sector and the topic."""
     return {
-        (sector.sector.end_ns, one.topic): one.payload
-        for sector in session.sectors
-        for messages in sector.messages
-        for one in messages
-    }
-
-
-def octets_alone(scene: Scene, session: AtWork) -> dict[tuple[int, str], bytes]:
-    """What the engine alone says of the same time."""
-    engine = Engine(scene, session.session.start_ns)
-    until_ns = session.sectors[-1].sector.end_ns
-    return {
         (end_ns, one.topic): one.payload
-        for batch in engine.until(until_ns)
+        for batch in batches
         for end_ns, messages in zip(batch.sectors.end_ns.tolist(), batch.messages, strict=True)
         for one in messages
     }

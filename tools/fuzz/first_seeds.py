@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
 import json
 from collections.abc import Callable, Iterable, Iterator
@@ -14,14 +13,13 @@ from support.scene_files import DRONE, radar, scene_text
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import parsed
-from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.sapient import framed
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.files import FORMATS
 from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.testing import fly
 
 GOLDEN = Path(__file__).parents[2] / "tests" / "golden"
 # Inputs that once broke something, in a folder for each target.
@@ -61,16 +59,10 @@ COMMANDS = (
 @cache
 def messages() -> tuple[Message, ...]:
     """Of a session of two turns, one message of each kind."""
-    found: dict[str, Message] = {}
     text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=REPORTS), port=1883)
     scene = parsed(text.encode(), Path("scene.toml"))
-
-    def take(message: Message, _t_utc_ns: int) -> None:
-        found[f"{message.topic} {message.content_type} {len(message.payload) > 20}"] = message
-
-    clock = InstantClock(scene.scene.start_utc_ns)
-    asyncio.run(run(scene, clock=clock, broker="none", duration_s=1.0, tap=take))
-    return tuple(found.values())
+    sent = fly(scene, 1.0, scene.scene.start_utc_ns or 0).messages
+    return tuple({f"{m.topic} {m.content_type} {len(m.payload) > 20}": m for m in sent}.values())
 
 
 def seeds_of(target: str) -> Iterator[bytes]:
