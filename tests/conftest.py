@@ -24,7 +24,7 @@ LONGEST = (
     *("test_parts_over_mqtt", "test_fleet_command", "test_verdicts", "test_needs"),
     *("test_display_in_browser", "test_tracker_sweep", "test_feed_checks", "test_help"),
     *("test_page_in_browser", "test_asyncapi", "test_attack_recordings", "test_planted_faults"),
-    *("test_page_of_runs", "test_session_switch", "test_sweep_command", "test_oracle"),
+    *("test_page_of_runs", "test_session_switch", "test_sweep", "test_oracle"),
     *("test_shipped_scenes", "test_inject"),
 )
 ALLOWED = allowed_skips()
