@@ -19,9 +19,10 @@ from mcap.reader import make_reader
 from support.brokers import free_port, has_ipv6, mosquitto, own_broker
 from support.command import Started, plotfeed_here, started
 from support.deliveries import NOBODY
+from support.own_time import in_own_time
 from support.recordings import MS, SCENE, START_NS, messages, read_log
 from support.udp_receiver import LOOPBACK_INTERFACE, interface_of
-from support.waiting import PATIENCE_S, until, wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.record import (
@@ -31,7 +32,12 @@ from plotfeed.feeds.recording.record import (
     rfc_3339_ns,
     source_of,
 )
-from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, SessionRecorder
+from plotfeed.feeds.recording.recorder import (
+    FLUSH_EVERY_S,
+    MAX_WAITING_CHUNKS,
+    Recorder,
+    SessionRecorder,
+)
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -58,22 +64,16 @@ def end(process: Started, how: signal.Signals) -> tuple[int, str, str]:
 
 
 class Datagrams:
-    """Numbered ones, to a port of this machine."""
+    """Numbered ones of 100 octets, to a port of this machine."""
 
-    def __init__(self, out: socket.socket, octets: int = 100) -> None:
-        self.port = free_port()
-        self.sent = 0
-        self._out = out
-        self._octets = octets
-
-    @property
-    def url(self) -> str:
-        return f"udp://127.0.0.1:{self.port}"
+    def __init__(self, out: socket.socket) -> None:
+        self.port, self.sent, self._out = free_port(), 0, out
+        self.url = f"udp://127.0.0.1:{self.port}"
 
     def send(self, count: int) -> None:
         """Some at a time, as soon as those before have been taken: no socket has room for all."""
         for i in range(count):
-            payload = self.sent.to_bytes(4, "big") + bytes(self._octets - 4)
+            payload = self.sent.to_bytes(4, "big") + bytes(96)
             self._out.sendto(payload, ("127.0.0.1", self.port))
             self.sent += 1
             if i % 50 == 49:
@@ -82,9 +82,8 @@ class Datagrams:
     def _are_taken(self) -> bool:
         """Nobody is there, or has any that wait, as the kernel tells."""
         rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
-        return all(
-            row[4].endswith(":00000000") for row in rows if row[1].endswith(f":{self.port:04X}")
-        )
+        ours = (row for row in rows if row[1].endswith(f":{self.port:04X}"))
+        return all(row[4].endswith(":00000000") for row in ours)
 
 
 @pytest.fixture
@@ -521,18 +520,18 @@ def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None
     assert len(read_log(path.read_bytes())[0]) == 1
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap")
     running = asyncio.create_task(recorder.run())
     for count in range(1, 4):
         recorder.write(as_recorded(START_NS + count))
-        await until(lambda: len(read_log(recorder.path.read_bytes())[0]) >= count)  # noqa: B023
+        await asyncio.sleep(2 * FLUSH_EVERY_S)
+        recorder._thread.submit(int).result()  # what was handed to the thread is written
+        assert len(read_log(recorder.path.read_bytes())[0]) == count
     await recorder.stop()
     await running  # it ends by itself
-    found, reader = read_log((tmp_path / "a.mcap").read_bytes())
-    assert len(found) == 3
-    assert reader.is_indexed
+    assert read_log(recorder.path.read_bytes())[1].is_indexed
 
 
 @pytest.mark.parametrize("waits", [False, True])

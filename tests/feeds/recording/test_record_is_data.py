@@ -8,8 +8,9 @@ import socket
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
+from socket import SOCK_DGRAM, SOCK_STREAM
 from typing import Any
 
 import pytest
@@ -19,6 +20,7 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.sessions import AtWork
 from support.waiting import wait_until
 
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import (
     RecordedTelemetry,
@@ -28,8 +30,9 @@ from plotfeed.feeds.recording.recorder import (
     attachments_of,
 )
 from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto.asterix.codec.decode import whole_blocks
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
@@ -79,7 +82,7 @@ def record(tmp_path: Path) -> Path:
 def ears(kind: socket.SocketKind) -> Iterator[tuple[socket.socket, str]]:
     with socket.socket(socket.AF_INET, kind) as listener:
         listener.bind(("127.0.0.1", 0))
-        if kind is socket.SOCK_STREAM:
+        if kind is SOCK_STREAM:
             listener.listen()
         listener.setblocking(False)
         yield listener, f"127.0.0.1:{listener.getsockname()[1]}"
@@ -88,7 +91,7 @@ def ears(kind: socket.SocketKind) -> Iterator[tuple[socket.socket, str]]:
 def heard(listener: socket.socket) -> bool:
     """Whether anybody has connected, or sent a datagram."""
     try:
-        if listener.type is socket.SOCK_STREAM:
+        if listener.type is SOCK_STREAM:
             listener.accept()[0].close()
         else:
             listener.recv(65536)
@@ -108,17 +111,28 @@ def scene_with(folder: Path, *, broker: str, udp: str, middleware: str) -> Scene
     )
 
 
-def recorded_by_a_stranger(
-    path: Path, scene: Scene, attachments: list[Attachment] | None = None
-) -> Path:
+async def left_by(
+    scene: Scene, clock: Clock, seconds: float, *observers: Observer
+) -> tuple[SessionCounters, list[Message]]:
+    """What a session without a broker counts, and what leaves it."""
+    left: list[Message] = []
+    totals = await run(
+        scene,
+        clock=clock,
+        broker="none",
+        duration_s=seconds,
+        observers=observers,
+        tap=lambda message, _t: left.append(message),
+    )
+    return totals, left
+
+
+def recorded_by_a_stranger(path: Path, scene: Scene, *attachments: Attachment) -> Path:
     """A session's record with that scene's text, however its own session ran."""
-    attached = Attachment(name="scene.toml", media_type="", data=scene.text.encode(), log_time_ns=0)
-    with Recorder(path, attachments=[attached, *(attachments or [])], waits=True) as recorder:
-        observers = [SessionRecorder(recorder, ledger_is_sent=True)]
-        clock = InstantClock(scene.scene.start_utc_ns)
-        asyncio.run(
-            run(scene.enclosed({}), clock=clock, broker="none", duration_s=2, observers=observers)
-        )
+    text = Attachment(name="scene.toml", media_type="", data=scene.text.encode(), log_time_ns=0)
+    with Recorder(path, attachments=[text, *attachments], waits=True) as recorder:
+        observer = SessionRecorder(recorder, ledger_is_sent=True)
+        asyncio.run(left_by(scene.enclosed({}), InstantClock(START_NS), 2, observer))
     return path
 
 
@@ -127,14 +141,8 @@ def test_it_is_sent_nowhere_and_no_secret_of_ours_is(
 ) -> None:
     monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", "somebody")
     monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", WHISPERED)
-    with ExitStack() as listening:
-        listeners, places = zip(
-            *(
-                listening.enter_context(ears(kind))
-                for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_STREAM)
-            ),
-            strict=True,
-        )
+    with ears(SOCK_STREAM) as broker_at, ears(SOCK_DGRAM) as udp_at, ears(SOCK_STREAM) as other_at:
+        listeners, places = zip(broker_at, udp_at, other_at, strict=True)
         broker, udp, middleware = places
         scene = scene_with(tmp_path, broker=broker, udp=udp, middleware=middleware)
         record = recorded_by_a_stranger(tmp_path / "x.mcap", scene)
@@ -187,7 +195,7 @@ def test_it_reads_only_what_it_brings_along_which_is_unpacked_inside(
     planted = ("../y", "/y", "a/../../y", ".", "..", "", "secrets/../../y.toml")
     more = [Attachment(name=other, media_type="", data=b"planted") for other in planted]
     flight = Attachment(name=name, media_type="", data=CSV)
-    record = recorded_by_a_stranger(tmp_path / "whole.mcap", bare, [flight, *more])
+    record = recorded_by_a_stranger(tmp_path / "whole.mcap", bare, flight, *more)
     before = {*tmp_path.rglob("*")}
     unpacked = SessionRecord.open(record).scene(folder)
     (new,) = {*tmp_path.rglob("*")} - before
@@ -303,7 +311,7 @@ async def test_what_came_in_while_a_fast_clock_was_held_back_counts_again_as_it_
 ) -> None:
     """Reports and changes from outside, at a speed that no machine holds: the same octets."""
     scene = scene_of(tmp_path, sensors=radar())
-    path, first, again = tmp_path / "x.mcap", list[Message](), list[Message]()
+    path = tmp_path / "x.mcap"
     clock, watch = WallClock(START_NS, speed=10_000.0), AtWork(InstantClock(START_NS))
 
     async def asking() -> None:
@@ -326,26 +334,13 @@ async def test_what_came_in_while_a_fast_clock_was_held_back_counts_again_as_it_
 
     with Recorder(path, attachments=attachments_of(scene, START_NS), waits=True) as recorder:
         beside = asyncio.create_task(asking())
-        totals = await run(
-            scene,
-            clock=clock,
-            broker="none",
-            duration_s=60.0,
-            observers=[watch, SessionRecorder(recorder, ledger_is_sent=True)],
-            tap=lambda message, _t: first.append(message),
-        )
+        observer = SessionRecorder(recorder, ledger_is_sent=True)
+        totals, first = await left_by(scene, clock, 60.0, watch, observer)
         beside.cancel()
     assert (totals.missed_scans, totals.speed) == (0, 10_000.0)
     assert 1 < (totals.speed_reached or 0) < 5_000
     assert min(totals.controls, totals.telemetry) > 5
-    await run(
-        scene,
-        clock=InstantClock(START_NS),
-        broker="none",
-        duration_s=60.0,
-        observers=[RecordedTelemetry(path)],
-        tap=lambda message, _t: again.append(message),
-    )
+    _, again = await left_by(scene, InstantClock(START_NS), 60.0, RecordedTelemetry(path))
     sectors = [(m.topic, m.payload) for m in first if "/asterix/" in m.topic]
     assert len(sectors) > 960
     assert sectors == [(m.topic, m.payload) for m in again if "/asterix/" in m.topic]
@@ -361,19 +356,15 @@ class SlowToConnect(InstantClock):
 
 @pytest.mark.asyncio
 async def test_scripted_drones_set_out_when_the_session_is_said_to_begin(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, start_utc=None, sensors=radar())
-    path, first, again = tmp_path / "x.mcap", list[Message](), list[Message]()
+    scene, path = scene_of(tmp_path, start_utc=None, sensors=radar()), tmp_path / "x.mcap"
     with Recorder(path, attachments=attachments_of(scene, 0), waits=True) as recorder:
-        observers = [SessionRecorder(recorder, ledger_is_sent=True)]
-        clock = SlowToConnect(1_700_000_000_000_000_000)
-        taps = {"tap": lambda message, _t: first.append(message)}
-        await run(scene, clock=clock, broker="none", duration_s=4.0, observers=observers, **taps)
+        observer = SessionRecorder(recorder, ledger_is_sent=True)
+        _, left = await left_by(scene, SlowToConnect(1_700_000_000 * NS), 4.0, observer)
     clock = InstantClock(SessionRecord.open(path).start_utc_ns)
-    taps = {"tap": lambda message, _t: again.append(message)}
-    await run(scene, clock=clock, broker="none", duration_s=4.0, **taps)
+    _, left_again = await left_by(scene, clock, 4.0)
     first, again = (
         sorted((m.topic, m.payload) for m in messages if not m.topic.endswith("/session"))
-        for messages in (first, again)
+        for messages in (left, left_again)
     )
     assert first == again
     assert len(first) > 20

@@ -69,6 +69,11 @@ def test_a_position_is_taken_with_its_units_and_signs(dialect: Any) -> None:
     assert found.t_utc_ns == NOW
     above = report(hear(MavlinkReports("a", "above_takeoff"), Vehicle(dialect=dialect).at(5000)))
     assert (above.altitude_m, above.altitude_reference) == (100.0, AltitudeReference.ABOVE_TAKEOFF)
+    listener, vehicle = MavlinkReports("a"), Vehicle(dialect=dialect)
+    hear(listener, vehicle.raw(1_000_000))
+    found = report(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S))
+    # Accuracies that are not sent are unknown.
+    assert np.isnan([found.horizontal_accuracy_m, found.velocity_accuracy_m_s]).all()
 
 
 def test_positions_bear_the_time_of_the_sender_where_it_is_right() -> None:
@@ -98,14 +103,6 @@ def test_the_estimate_is_preferred_and_the_receiver_stands_in() -> None:
     assert found.velocity_accuracy_m_s == 0.3
     report(hear(listener, vehicle.at(9_300), NOW + 43 * S // 10))
     assert hear(listener, vehicle.raw(9_400_000), NOW + 44 * S // 10) == []
-
-
-@pytest.mark.parametrize("dialect", [v10, common], ids=["v1", "v2"])
-def test_accuracies_that_are_not_sent_are_unknown(dialect: Any) -> None:
-    listener, vehicle = MavlinkReports("a"), Vehicle(dialect=dialect)
-    hear(listener, vehicle.raw(1_000_000))
-    found = report(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S))
-    assert np.isnan([found.horizontal_accuracy_m, found.velocity_accuracy_m_s]).all()
 
 
 def test_the_receivers_altitude_above_home_needs_home() -> None:
@@ -198,11 +195,9 @@ def test_aircraft_that_an_autopilot_hears_are_aircraft() -> None:
     assert np.isnan(by_gnss.velocity_enu_m_s).all()
     unmanned = report(hear(MavlinkReports("a"), traffic(emitter=14)))
     assert (unmanned.target_class, str(unmanned.rcs_m2)) == ("", "nan")
-
-
-@pytest.mark.parametrize("changes", [{"flags": 1}, {"flags": 2}, {"tslc": 6}, {"altitude_type": 7}])
-def test_an_aircraft_without_a_place_of_now_is_none(changes: dict[str, int]) -> None:
-    assert hear(MavlinkReports("a"), traffic(**changes)) == []
+    # One without a place, or of none that is of now, is none.
+    for changes in ({"flags": 1}, {"flags": 2}, {"tslc": 6}, {"altitude_type": 7}):
+        assert hear(MavlinkReports("a"), traffic(**changes)) == []
 
 
 def test_a_pack_is_taken_apart() -> None:
