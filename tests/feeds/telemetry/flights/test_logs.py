@@ -99,13 +99,6 @@ def test_fixes_that_cannot_be_relied_on_are_told(bad: bytes, why: str) -> None:
     assert line.startswith(f"offset {len(RECORDS + gps(0))}: {why}")
 
 
-def test_first_fixes_at_a_wrong_height_are_left_out() -> None:
-    wrong = [gps(i, alt_cm=130_000 + 2000 * i) for i in range(3)]
-    flight = flown(".bin", RECORDS + b"".join(wrong) + b"".join(gps(i) for i in range(3, 20)))
-    assert (len(flight.reports), len(flight.skipped)) == (17, 3)
-    assert {r.altitude_m for r in flight.reports} == {590.0}
-
-
 def test_gps_time_becomes_utc_by_the_leap_seconds_of_its_day() -> None:
     # 17 leap seconds in 2015, 18 from 2017 on.
     assert gps_to_utc_ns(1871, 603_882_400) == utc_ns(2015, 11, 21, 23, 44, 25) + 400_000_000

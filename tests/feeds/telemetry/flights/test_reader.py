@@ -201,12 +201,17 @@ def test_steady_flight_in_eleven_metre_steps_gives_its_speed(
     assert inner.mean() == pytest.approx(speed_m_s, rel=0.05)
 
 
-def test_a_fine_log_is_left_as_it_is() -> None:
+def test_a_fine_log_is_left_as_it_is_and_gaps_of_its_velocities_are_filled() -> None:
     t_s = np.arange(0, 60, 0.2)
     fine = steady(t_s, 50 * np.sin(t_s / 5), decimals=7)
     smooth = smoothed(fine)
     assert moved_m(fine, smooth) < 0.02
     assert speeds(smooth)[5:-5] == pytest.approx(np.abs(10 * np.cos(t_s / 5))[5:-5], abs=0.3)
+    t_s = np.arange(30.0)
+    whole = steady(t_s, t_s * 5)
+    told = tuple(r._replace(velocity_enu_m_s=(1.0, math.nan, math.nan)) for r in whole.reports)
+    velocity = smoothed(replace(whole, reports=told)).reports[10].velocity_enu_m_s
+    assert velocity == pytest.approx((1.0, 5.0, 0.0), abs=1e-3)
 
 
 def test_a_break_in_the_log_is_not_bridged_unless_it_is_sparse_all_over() -> None:
@@ -220,14 +225,6 @@ def test_a_break_in_the_log_is_not_bridged_unless_it_is_sparse_all_over() -> Non
     assert speeds(smoothed(steady(t_s, t_s * 7))) == pytest.approx(7.0, rel=1e-3)
     one = steady(np.zeros(1), np.zeros(1))
     assert smoothed(one) == one
-
-
-def test_recorded_velocity_is_kept_and_its_gaps_are_filled() -> None:
-    t_s = np.arange(30.0)
-    whole = steady(t_s, t_s * 5)
-    told = tuple(r._replace(velocity_enu_m_s=(1.0, math.nan, math.nan)) for r in whole.reports)
-    velocity = smoothed(replace(whole, reports=told)).reports[10].velocity_enu_m_s
-    assert velocity == pytest.approx((1.0, 5.0, 0.0), abs=1e-3)
 
 
 def test_the_antimeridian_is_crossed_without_a_jump() -> None:

@@ -159,6 +159,12 @@ def test_its_own_remote_id_stands_in_for_an_autopilot_that_says_nothing_else() -
     heard = hear(listener, own, NOW + 4 * S)
     assert heard[0].drone == "mav-1"
     report(heard)
+    # A pack is taken apart.
+    message = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
+    identity = bytes([2, 0x12]) + b"SERIAL".ljust(20, b"\0") + bytes(3)
+    pack = (0, 0, b"\x01\x02".ljust(20, b"\0"), 25, 2, (identity + message).ljust(225, b"\0"))
+    frame = vehicle.says("open_drone_id_message_pack", *pack)
+    assert hear(MavlinkReports("a"), frame)[0].drone == "SERIAL"
 
 
 def traffic(**changes: int) -> bytes:
@@ -198,15 +204,6 @@ def test_aircraft_that_an_autopilot_hears_are_aircraft() -> None:
     # One without a place, or of none that is of now, is none.
     for changes in ({"flags": 1}, {"flags": 2}, {"tslc": 6}, {"altitude_type": 7}):
         assert hear(MavlinkReports("a"), traffic(**changes)) == []
-
-
-def test_a_pack_is_taken_apart() -> None:
-    message = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
-    identity = bytes([2, 0x12]) + b"SERIAL".ljust(20, b"\0") + bytes(3)
-    octets = (identity + message).ljust(225, b"\0")
-    pack = (0, 0, b"\x01\x02".ljust(20, b"\0"), 25, 2, octets)
-    frame = Vehicle().says("open_drone_id_message_pack", *pack)
-    assert hear(MavlinkReports("a"), frame)[0].drone == "SERIAL"
 
 
 def test_octets_that_are_no_frames_are_refused_in_one_and_their_peers_not_remembered() -> None:
