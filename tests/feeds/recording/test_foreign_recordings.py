@@ -65,6 +65,9 @@ LATER_LIES = [
 ]
 
 
+NOISE = np.random.default_rng(1).bytes(1 << 20)  # zeros would be taken for what fills a memory
+
+
 @given(st.lists(MESSAGES, max_size=8))
 @settings(max_examples=20)
 def test_what_another_process_reads_is_what_this_one_would(
@@ -81,8 +84,7 @@ def test_what_another_process_reads_is_what_this_one_would(
 
 
 def test_many_messages_come_in_more_than_one_frame_and_long_ones_alone(tmp_path: Path) -> None:
-    long = np.random.default_rng(1).bytes(3 << 20)  # zeros would be taken for what fills a memory
-    sent = plots(1300) + [message(long, LATEST_NS - n) for n in (2, 1)]
+    sent = plots(1300) + [message(NOISE * 3, LATEST_NS - n) for n in (2, 1)]
     with ForeignReader(stored(tmp_path / "log.mcap", sent)) as reader:
         assert list(reader.messages()) == sent
 
@@ -158,7 +160,8 @@ def test_whatever_a_process_says_is_messages_or_a_line(
 
 
 def test_a_process_ends_with_who_asked_and_not_by_ctrl_c(tmp_path: Path) -> None:
-    sent = [message(bytes(1 << 20), n) for n in range(1, 40)]
+    # More than a pipe holds, so that none of these processes has ended by itself.
+    sent = [message(NOISE, n) for n in range(1, 9)]
     path = stored(tmp_path / "a.mcap", sent)
     reader = ForeignReader(path, FileFormat.MCAP)
     process = reader._process
