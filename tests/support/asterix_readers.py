@@ -1,4 +1,4 @@
-"""Independent readers of ASTERIX: asterix-decoder, which bad input may crash, and libasterix."""
+"""Independent readers: asterix-decoder, which bad input may crash, and tshark."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import subprocess
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from support.tools import ROOT, needed, skip
 
@@ -78,40 +78,6 @@ def asterix_decoder() -> Path:
     if not python.exists():
         skip("asterix-decoder", "c++")
     return python
-
-
-class TheirBlock(NamedTuple):
-    """A data block as libasterix reads it."""
-
-    category: int
-    octets: bytes  # That it makes of the items that it has read
-    records: list[dict[str, str]]  # Items by their number, in hexadecimal
-
-
-def blocks_of(octets: bytes) -> list[TheirBlock]:
-    """The data blocks that lie back to back."""
-    from asterix import base  # type: ignore[import-not-found]
-
-    raws = base.RawDatablock.parse(base.Bits.from_bytes(octets))
-    assert not isinstance(raws, ValueError), raws
-    return [_block_of(raw) for raw in raws]
-
-
-def _block_of(raw: Any) -> TheirBlock:
-    """By the newest edition of its category, strictly, and made of its items again."""
-    from asterix.generated import manifest  # type: ignore[import-not-found]
-
-    category = raw.get_category()
-    edition = max(manifest["CATS"][category], key=lambda each: each.cv_edition)
-    records = edition.cv_uap.parse(raw.get_raw_records())
-    assert not isinstance(records, ValueError), records
-    items = [
-        {name: item for name in r.cv_items_dict if (item := r.get_item(name)) is not None}
-        for r in records
-    ]
-    made = [type(r).create(each) for r, each in zip(records, items, strict=True)]
-    texts = [{name: i.unparse().to_bytes().hex() for name, i in each.items()} for each in items]
-    return TheirBlock(category, edition.create(made).unparse().to_bytes(), texts)
 
 
 def tshark_fields(path: Path, *fields: str) -> list[list[str]]:

@@ -192,16 +192,16 @@ def has_ipv6() -> bool:
     return True
 
 
-def wait_until_listening(port: int, host: str = "127.0.0.1") -> None:
-    wait_until(lambda: is_listening(port, host), f"nobody listens on port {port}")
+def wait_until_listening(port: int) -> None:
+    wait_until(lambda: is_listening(port), f"nobody listens on port {port}")
 
 
 def wait_until_silent(port: int) -> None:
     wait_until(lambda: not is_listening(port), f"somebody still listens on port {port}")
 
 
-def is_listening(port: int, host: str = "127.0.0.1") -> bool:
-    with contextlib.suppress(OSError), socket.create_connection((host, port), 5):
+def is_listening(port: int) -> bool:
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5):
         return True
     return False
 

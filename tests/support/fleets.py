@@ -98,7 +98,7 @@ class Fleet:
         """What it has printed, in JSON."""
         return json.loads(self._out.read_text())
 
-    def verdict(self, more_gaps: Iterable[dict[str, Any]] = ()) -> Verdict:
+    def verdict(self) -> Verdict:
         """What was heard of plots and tracks against what one process sends."""
         so_far, began_ns = [*self.client.heard], self.statuses()[1]["began_utc_ns"]
         duration_s = (time.time_ns() - began_ns) / NS + 1
@@ -107,7 +107,7 @@ class Fleet:
         for message in so_far:
             if message.topic in topics:
                 heard[message.topic].append(message.payload)
-        return judged(wanted, heard, [*self.gaps(), *more_gaps])
+        return judged(wanted, heard, self.gaps())
 
     def heard_of(self, sensors: Iterable[str]) -> None:
         """Wait until each of those has sent more."""
@@ -241,16 +241,16 @@ def drones(
     ]  # fmt: skip
 
 
-def mixed(folder: Path = Path(), **more: Any) -> Scene:
+def mixed(**more: Any) -> Scene:
     """A scene of all of them."""
-    return scene(sensors(), drones(), seed=11, folder=folder, **more)
+    return scene(sensors(), drones(), seed=11, **more)
 
 
-def stateless(folder: Path = Path(), **more: Any) -> Scene:
+def stateless(**more: Any) -> Scene:
     """Those whose octets are the same where a slow machine has left scans out before."""
     state = {"tracks", "steers", "camera"}
     some = [sensor for sensor in sensors() if sensor["id"] not in state]
-    return scene(some, drones(), seed=11, folder=folder, **more)
+    return scene(some, drones(), seed=11, **more)
 
 
 def by_topic(messages: list[Message], after_ns: int = START_NS) -> dict[str, list[bytes]]:

@@ -31,7 +31,6 @@ def entries(
     count: int,
     *,
     seed: int = 1,
-    rate_hz: float = 100.0,
     late_ns: int = 0,
     says: LinkSettings | None = None,
     in_each: int = 4,
@@ -40,7 +39,7 @@ def entries(
 
     The ledger says that the link was `says`, where that is another.
     """
-    dues = due_times(count, rate_hz, START_NS)
+    dues = due_times(count, 100.0, START_NS)
     outcomes = passed(link, dues, seed=seed)
     told = [
         list(_sent(number, due, outcome, late_ns))

@@ -45,9 +45,9 @@ def delays_ms(asked: LinkSettings, n: int, rate_hz: float = 1000.0, *, seed: int
     )
 
 
-def losses(asked: LinkSettings, n: int, rate_hz: float = 10_000.0, *, seed: int = 1) -> Array:
+def losses(asked: LinkSettings, n: int, *, seed: int = 1) -> Array:
     """Which messages are lost; (n,) booleans."""
-    outcomes = passed(asked, due_times(n, rate_hz), seed=seed)
+    outcomes = passed(asked, due_times(n, 10_000.0), seed=seed)
     return np.array([outcome.fate == pb.LOST for outcome in outcomes])
 
 

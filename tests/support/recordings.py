@@ -95,10 +95,10 @@ def cut(data: bytes) -> Iterator[bytes]:
     return (data[:octets] for octets in range(len(data)))
 
 
-def turned(data: bytes, masks: tuple[int, ...] = (0x01, 0x80, 0xFF)) -> Iterator[bytes]:
+def turned(data: bytes) -> Iterator[bytes]:
     """With each octet changed, in several ways."""
     for at, octet in enumerate(data):
-        for mask in masks:
+        for mask in (0x01, 0x80, 0xFF):
             yield data[:at] + bytes([octet ^ mask]) + data[at + 1 :]
 
 

@@ -73,12 +73,7 @@ def truths_of(flights: Mapping[str, Flight] = APART) -> Truths:
 
 
 def report_of(
-    name: str,
-    flight: Flight,
-    t_s: float,
-    error_m: Sequence[float] = (0.0, 0.0, 0.0),
-    *,
-    tells_velocity: bool = True,
+    name: str, flight: Flight, t_s: float, error_m: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> ToldTrack:
     """A report of where a flight is, as wrong as that."""
     place = SITE.to_geodetic(flight.at(t_s) + np.array(error_m))
@@ -89,7 +84,7 @@ def report_of(
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
         height_m=height_m,
-        velocity_enu_m_s=flight.velocity_m_s if tells_velocity else (np.nan,) * 3,
+        velocity_enu_m_s=flight.velocity_m_s,
     )
 
 
@@ -119,12 +114,10 @@ def followed_well(
     return sorted(found, key=lambda each: each[0].t_utc_ns)
 
 
-def read_of(given: Given, unreadable: Sequence[str] = ()) -> TracksRead:
+def read_of(given: Given) -> TracksRead:
     table = TrackTable()
     for told, received_utc_ns in given:
         table.add(told, received_utc_ns)
-    for reason in unreadable:
-        table.refuse(reason)
     return table.read("a tracker")
 
 
