@@ -216,9 +216,9 @@ def counts(kind: str) -> Array:
     """By scan and sector, for the whole scans."""
     table, first = alarms(kind), -(-START_NS // round(PERIOD_S * NS))
     sectors = SECTORS if kind == "rotating" else 1
-    whole = (table.scan >= first) & (table.scan < first + TURNS - 1)
-    cell = (table.scan[whole] - first) * sectors + table.sector[whole]
-    return np.bincount(cell, minlength=(TURNS - 1) * sectors).reshape(-1, sectors)
+    cell = (table.scan - first) * sectors + table.sector
+    whole = (cell >= 0) & (cell < (TURNS - 1) * sectors)
+    return np.bincount(cell[whole], minlength=(TURNS - 1) * sectors).reshape(-1, sectors)
 
 
 @pytest.mark.parametrize("kind", ALARMS)
