@@ -188,6 +188,14 @@ def test_a_sensor_that_was_off_for_a_minute_begins_its_tracks_anew(kind: str) ->
     assert abs((later[0][0] - 70 * NS) - told[0][0]) <= NS
 
 
+@pytest.mark.parametrize("ahead_s", [0.0, 2.0])
+def test_a_track_ends_once_its_drone_is_gone_whatever_the_clock_says(ahead_s: float) -> None:
+    drone = flown("d", waypoint(90.0, 8, 900), waypoint(90.0, 8, 2900), speed_m_s=50.0)
+    keys = {"range_max_m": 1200.0, "bias": {"time_offset_s": ahead_s}, "scan": rotating()}
+    told = fly(scene([radar(report=["asterix-062"], **keys)], [drone], seed=401), 30.0)
+    assert sum(r.get("I062/080/TSE") == 1 for r in told.records("radar", 62)) == 1
+
+
 def test_show_reads_every_one_of_them_on_any_topic_of_tracks(road: Feed) -> None:
     """On the topics of sensors, and as a tracker under test would publish them."""
     known = {m.topic: m for m in road.messages if m.topic.startswith("plotfeed/first/")}

@@ -22,15 +22,7 @@ from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.scene.examples import MAX_LISTED, MAX_WORDS, head_of
 from plotfeed.feeds.scene.problems import key_lines
-from plotfeed.feeds.scene.scene import (
-    MAX_SCENE_OCTETS,
-    General,
-    Scene,
-    SceneError,
-    from_tree,
-    load,
-    parsed,
-)
+from plotfeed.feeds.scene.scene import MAX_SCENE_OCTETS, General, SceneError, from_tree, load
 from plotfeed.feeds.schema import text_of
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
@@ -184,18 +176,6 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path, path: str, why: str
     with pytest.raises(SceneError, match=why) as caught:
         load(tmp_path / path)
     assert "\n" not in str(caught.value)
-
-
-@given(st.data())
-def test_a_damaged_scene_loads_or_says_why(data: st.DataObject) -> None:
-    octets = bytearray(TEXT.encode())
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(octets) - 1))
-        octets[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
-    try:
-        assert isinstance(parsed(bytes(octets), Path("scene.toml")), Scene)
-    except SceneError as error:
-        assert "scene.toml" in str(error)
 
 
 FLOORS = ("range_floor_m", "azimuth_floor_deg", "elevation_floor_deg")

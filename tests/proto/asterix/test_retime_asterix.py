@@ -127,6 +127,12 @@ def plot_at(time_lsb: int) -> bytes:
     return block(48, bytes.fromhex("e0 1903") + time_lsb.to_bytes(3, "big") + b"\x30")
 
 
+def test_the_first_time_is_found_if_nothing_before_it_is_broken() -> None:
+    finder, body = TimeFinder(CATEGORIES[48]), plot_at(77)[3:]
+    found = [finder.first_time(body[:octets], 0) for octets in (len(body), len(body) - 1, 2)]
+    assert found == [3, 3, None]
+
+
 @pytest.mark.parametrize(
     ("before_lsb", "shift_ns", "after_lsb"),
     [
