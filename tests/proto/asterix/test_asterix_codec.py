@@ -392,6 +392,8 @@ def test_extended_items_go_as_far_as_the_parts_that_are_chosen() -> None:
     two_groups = Encoder(CAT048, ("I048/020", "I048/020/ME"))
     values = dict.fromkeys(two_groups.columns, 0) | {"I048/020/ME": 1, "I048/020/TYP": 7}
     assert two_groups.records(values) == bytes([0x20, 0xE1, 0x10])
+    of_both = Encoder(CAT048, ("I048/020/TYP", "I048/020/ME"))
+    assert of_both.records(values) == bytes([0x20, 0xE1, 0x10])
     subfields = Encoder(CAT062, ("I062/380/TIS", "I062/380/ADR"))
     record = subfields.records(dict(zip(subfields.columns, (0xABCDEF, 1, 0), strict=True)))
     assert record == bytes([0x01, 0x10, 0x81, 0x80, 0xAB, 0xCD, 0xEF, 0x80])
