@@ -10,7 +10,7 @@ import numpy as np
 
 from plotfeed.feeds.lab.flights import Truths
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, nearest_drones, truth_beside
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
+from plotfeed.feeds.recording.recorded_tracks import UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.track_metrics import Level, along_enu

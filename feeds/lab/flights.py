@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plotfeed.feeds.lab.track_reports import (
+from plotfeed.feeds.recording.recorded_tracks import (
     TABLES,
     UNKNOWN_NS,
     is_place,

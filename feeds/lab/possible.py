@@ -12,8 +12,13 @@ import numpy as np
 from plotfeed.feeds.lab.evidence import Evidence
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
-from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.feeds.recording.recorded_plots import plots_in_rows
+from plotfeed.feeds.recording.recorded_tracks import (
+    LATEST_NS,
+    UNKNOWN_NS,
+    ReportedTracks,
+    TracksRead,
+)
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.accuracy import polar_covariance_m2

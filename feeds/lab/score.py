@@ -32,7 +32,7 @@ from plotfeed.feeds.lab.possible import RecordedRun, possible, read_run
 from plotfeed.feeds.lab.report import feed_lines
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, REPORTS, SETS, Figures, Score, ScoreSettings
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells
-from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
+from plotfeed.feeds.recording.recorded_tracks import TracksRead, read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.models.state import Floats, Ints

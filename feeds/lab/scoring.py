@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.lab.flights import Truths
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, is_place
+from plotfeed.feeds.recording.recorded_tracks import UNKNOWN_NS, TracksRead, is_place
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.models.frames import LocalFrame, distance_m, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.state import Bools, Floats, Ints

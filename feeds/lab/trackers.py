@@ -46,9 +46,9 @@ from plotfeed.feeds.lab.score import (
 from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, Score, ScoreSettings
 from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level_rows, span_of
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells, write_table
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.recording.recorded_tracks import UNKNOWN_NS, TrackTable
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.levels import SweepLevel, levels_of, scene_of
 from plotfeed.feeds.scene.output_keys import WaysOut

@@ -16,7 +16,7 @@ from support.scored_flights import NS, SITE, Flight, truths_of
 
 from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
-from plotfeed.feeds.lab.track_reports import TrackTable
+from plotfeed.feeds.recording.recorded_tracks import TrackTable
 from plotfeed.models.track_metrics import set_score
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ from support.recordings import START_NS
 from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.lab.flights import FlightsTally, Truths
 from plotfeed.feeds.lab.possible import read_run
-from plotfeed.feeds.lab.track_reports import TracksRead, TrackTable
+from plotfeed.feeds.recording.recorded_tracks import TracksRead, TrackTable
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, enu_to_aer
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of

@@ -22,7 +22,7 @@ from scipy.spatial.distance import cdist
 
 from plotfeed.feeds.lab.flights import Truths
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
-from plotfeed.feeds.lab.track_reports import ReportedTracks, TracksRead
+from plotfeed.feeds.recording.recorded_tracks import ReportedTracks, TracksRead
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.track_metrics import FlightPath, set_score
 

@@ -18,7 +18,7 @@ from support.scene_files import scene_file, scene_text
 from support.waiting import wait_until
 
 from plotfeed.feeds.lab.live import EVERY_SECONDS, LiveScore
-from plotfeed.feeds.lab.track_reports import read_tracks
+from plotfeed.feeds.recording.recorded_tracks import read_tracks
 from plotfeed.feeds.recording.recorder import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.schema.asyncapi import document

@@ -26,7 +26,7 @@ from plotfeed.feeds.lab.score import (
     shipped_profiles,
 )
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score
-from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
+from plotfeed.feeds.recording.recorded_tracks import TracksRead, read_tracks
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.verdicts import Interval
 from plotfeed.proto.asterix.cat062 import TrackEncoder062

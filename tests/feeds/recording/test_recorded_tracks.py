@@ -15,7 +15,7 @@ from support.scene_files import radar, scene_file, scene_text
 from support.told_tracks import NS, RADAR, T_NS, told_tracks
 
 from plotfeed.feeds.formats.told_tracks import tracks_in
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, read_tracks
+from plotfeed.feeds.recording.recorded_tracks import UNKNOWN_NS, TracksRead, read_tracks
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.asterix.cat062 import TrackEncoder062

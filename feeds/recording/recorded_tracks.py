@@ -1,4 +1,4 @@
-"""What a tracker published: tracks of messages and files, as columns."""
+"""Tracks of recordings, tables and texts, as a tracker published them: columns of reports."""
 
 from __future__ import annotations
 
@@ -130,8 +130,7 @@ class TrackTable:
             return np.fromiter(held, np.int64, len(told_ns))
 
         came_ns = [each.received_utc_ns for each in told]
-        when = zip(told, came_ns, strict=True)
-        of_ns = [came if each.t_utc_ns is None else each.t_utc_ns for each, came in when]
+        of_ns = [each.received_utc_ns if each.t_utc_ns is None else each.t_utc_ns for each in told]
         reports = ReportedTracks(
             t_utc_ns=times(of_ns),
             received_utc_ns=times(came_ns),
@@ -171,16 +170,11 @@ def read_tracks(
     Raises `PlotfeedError` for a file that is none of these, and `OSError`.
     """
     table = TrackTable()
-    suffix = path.suffix.lower()
-    if suffix in TABLES:
-        _take(table, _lines(path, suffix), path)
-        return table.read(path.name)
-    is_told = suffix in FEATURES
-    if suffix in LINES:  # of JSON, which may be messages of a recording
-        with path.open("rb") as file:
-            is_told = b'"topic"' not in file.readline(MAX_OCTETS)
-    if is_told:
-        _take(table, _features(path), path)
+    if (entries := _entries_of(path)) is not None:
+        for told in tracks_of_entries(entries, table.refuse):
+            table.add(told)
+        if not len(table) and not table.unreadable:
+            table.refuse(f"{path.name} holds no tracks")
         return table.read(path.name)
     site = None if scene is None else site_frame(scene.scene.site)
     for each in topics:
@@ -240,17 +234,16 @@ def _holds_tracks(message: Recorded, own: str) -> bool:
     Those of SAPIENT below the topics of the scene are of its sensors; elsewhere JSON need not name
     a `track` to be of tracks.
     """
-    kind, is_own = message.content_type, bool(own) and message.topic.startswith(own)
-    is_json = bool(own) and message.payload[:1] in (b"{", b"[")
+    kind, payload = message.content_type, message.payload
+    is_own = bool(own) and message.topic.startswith(own)
+    is_json = bool(own) and payload[:1] in (b"{", b"[")
     if not is_own and (is_json or message_type(kind) == SAPIENT_MESSAGE):
         with contextlib.suppress(PlotfeedError):
-            told = tracks_in(message.payload, kind, message.log_time_ns, None)
+            told = tracks_in(payload, kind, message.log_time_ns, None)
             return any(math.isfinite(each.latitude_deg) for each in told)
-    if kind.startswith(COT) or message.payload[:7] == b"<event ":
+    is_told = kind.startswith((COT, OF_ASTERIX)) or message_type(kind) == TRACK_BATCH
+    if is_told or payload[:7] == b"<event ":
         return True
-    if kind.startswith(OF_ASTERIX) or message_type(kind) == TRACK_BATCH:
-        return True
-    payload = message.payload
     is_block = payload[:1] == b"\x3e" and int.from_bytes(payload[1:3], "big") <= len(payload)
     if is_block and len(payload) > 3 and (not kind or "asterix" in kind):
         return True
@@ -258,9 +251,20 @@ def _holds_tracks(message: Recorded, own: str) -> bool:
     return b'"latitude_deg"' in head and b'"track"' in head
 
 
-def _lines(path: Path, suffix: str) -> Iterator[Mapping[str, Any]]:
+def _entries_of(path: Path) -> Iterator[Mapping[str, Any]] | None:
+    """Entries of a table or a text, as its suffix says; None for what may be a recording."""
+    suffix = path.suffix.lower()
+    if suffix in TABLES:
+        return _lines(path, TABLES[suffix])
+    is_told = suffix in FEATURES
+    if suffix in LINES:  # of JSON, which may be messages of a recording
+        with path.open("rb") as file:
+            is_told = b'"topic"' not in file.readline(MAX_OCTETS)
+    return _features(path) if is_told else None
+
+
+def _lines(path: Path, delimiter: str) -> Iterator[Mapping[str, Any]]:
     """Lines of a table, by the names in its first."""
-    delimiter = TABLES[suffix]
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         rows = csv.DictReader(file, delimiter=delimiter)
         try:
@@ -296,13 +300,6 @@ def _features(path: Path) -> Iterator[Mapping[str, Any]]:
         yield from (events_in if text.lstrip()[:1] == b"<" else entries_in)(text)
     except DecodeError as error:
         raise PlotfeedError(f"{path}: {error}") from None
-
-
-def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -> None:
-    for told in tracks_of_entries(entries, table.refuse):
-        table.add(told)
-    if not len(table) and not table.unreadable:
-        table.refuse(f"{path.name} holds no tracks")
 
 
 HIGHEST_M = 1e5  # Heights beyond this are not taken for any
