@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -28,9 +27,8 @@ import numpy as np
 from aims import aim, cpu_s, spread, table
 from beside import Arrivals, nanosleep_late_us
 from demo_process import COMMAND
-from support.brokers import free_port, mosquitto, own_broker
+from support.brokers import free_port, mosquitto, own_broker, wait_until_listening
 from support.tools import place_of
-from support.waiting import wait_until
 
 from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.testing import MqttReceiver, flown, radar, rotating, waypoint
@@ -131,7 +129,7 @@ def loaded(seconds: float, case: Case, command: Path) -> Loaded:
             [command, "run", scene, *options], stdout=subprocess.PIPE, text=True
         )
         if case.embedded:
-            wait_until(lambda: is_open(port), "no broker listens")
+            wait_until_listening(port)
             arrivals = Arrivals(port)
         with MqttReceiver(port, 5, "plotfeed/session") as ears:
             ears.wait_for(lambda _: True)  # that it has begun
@@ -156,12 +154,6 @@ FIGURES: dict[str, tuple[str, Callable[[Loaded], float]]] = {
     "scans missed": (",.0f", lambda x: x.totals["missed_scans"]),
     "cores": (".2f", lambda x: x.cores),
 }
-
-
-def is_open(port: int) -> bool:
-    """Whether somebody listens there."""
-    with socket.socket() as ours:
-        return ours.connect_ex(("127.0.0.1", port)) == 0
 
 
 def by_load(seconds: float, other: Path | None) -> dict[Case, list[Loaded]]:
