@@ -7,7 +7,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.links import link
 
@@ -106,6 +106,7 @@ def test_states_that_last_beyond_all_numbers_have_a_spread_and_a_burst() -> None
 
 
 @given(st.floats(0, 1, exclude_max=True), inner)
+@example(math.nextafter(1.0, 0.0), 0.3)  # where rounding gives 1
 def test_what_a_choice_leaves_of_a_number_lies_from_0_to_1(u: float, p: float) -> None:
     assert 0 <= left_of(u, p) < 1
 
@@ -135,6 +136,7 @@ def test_a_sample_is_straight_between_its_order_statistics() -> None:
     np.testing.assert_allclose(law.quantile_ms(u), 10 + np.quantile(sample, u))
     at = np.array([10.9, 11.0, 11.5, 11.999, 12.0, 12.5, 16.0, 19.0, 20.0])
     np.testing.assert_allclose(law.cdf(at), [0, 0, 0.125, 0.24975, 0.5, 0.625, 0.875, 1, 1])
+    np.testing.assert_array_equal(law.cdf([-np.inf, 19.0, np.inf]), [0, 1, 1])
 
 
 def test_without_a_name_the_shape_is_normal_and_no_delay_is_below_0() -> None:

@@ -126,6 +126,7 @@ def test_a_message_is_delivered_if_a_transport_took_it(takes: str, delivered: bo
     assert case.totals.undelivered_to["here"] == takes.count("n")
     assert (sent.topic, sent.octets, sent.due_utc_ns, sent.link_due_utc_ns) == ("t", 3, 60, 60)
     assert (case.totals.messages, case.totals.undelivered) == ((1, 0) if delivered else (0, 1))
+    assert case.outbox.counters.undelivered == case.totals.undelivered
     if delivered:
         assert sent.sent_utc_ns == 100
         assert list(case.totals.lateness_ns) == list(case.outbox.counters.lateness_ns) == [40]

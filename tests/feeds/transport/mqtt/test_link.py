@@ -479,8 +479,10 @@ async def test_what_a_stalled_broker_leaves_in_the_socket_is_undelivered_when_it
         while not deliveries.given_up:  # the socket is full, and then its buffer
             publish([link], [deliveries.make(qos=0, octets=100_000) for _ in range(40)])
         before = len(deliveries.delivered)
+        assert link._connection is not None
+        held = link._connection._buffer.octets / 100_000
+        assert held == pytest.approx(len(deliveries.unsettled), abs=1.0)
         assert len(deliveries.made) * 100_000 > MAX_UNSENT_OCTETS
-        assert deliveries.unsettled
         deliveries.publish(link, 2 * MAX_UNSENT_MESSAGES, qos=0)  # small ones have a bound, too
         assert len(deliveries.unsettled) <= MAX_UNSENT_MESSAGES
         await end_connection(broker, link, code=BUSY)
