@@ -128,6 +128,8 @@ def test_every_sensor_is_in_one_part_and_parts_cost_about_the_same(seed: int) ->
     assert parts == partition(made, 7)
     assert sorted(sum(parts, ())) == sorted(sensor.id for sensor in made.sensor)
     load = {sensor.id: load_of(made, sensor) for sensor in made.sensor}
+    sectors_per_s = {s.id: s.scan.sectors / s.scan.period_s for s in made.sensor}
+    assert load == pytest.approx(sectors_per_s, rel=0.05)  # hardly a false alarm adds to it
     of_parts = [sum(load[name] for name in part) for part in parts]
     assert max(of_parts) < 1.2 * np.mean(of_parts)
 

@@ -18,16 +18,21 @@ from support.scene_files import FOR_BROWSERS, radar, scene_file, scene_text
 from support.sessions import simulated
 from support.waiting import wait_until
 
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.part import PartHold
+from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
-from plotfeed.testing import MqttMessage, MqttReceiver
+from plotfeed.testing import START_NS, MqttMessage, MqttReceiver
 
 VERSIONS = (4, 5)
 SECTORS = 120
@@ -237,6 +242,17 @@ def test_what_is_left_of_a_session_that_died_is_no_session(
         wait_until(lambda: retained(port)["state"] == "DIED")
         for version in VERSIONS:
             assert retained(port, "plotfeed/s11/status", version)["state"] == "OFFLINE"
+
+
+def test_a_session_that_is_said_to_have_died_says_that_it_runs(tmp_path: Path) -> None:
+    """By a last will that comes when it is connected again."""
+    said_by, clock, hold = list[Message](), InstantClock(START_NS), PartHold()
+    scene = load(scene_of(tmp_path))
+    presence = SessionPresence(scene, clock, SessionCounters(), said_by.append, hold=hold)
+    presence.begin(START_NS)
+    for message in (said_by[0], presence.will(START_NS)):
+        presence.hear(message.payload)
+    assert [json.loads(m.payload)["state"] for m in said_by] == ["RUNNING", "RUNNING"]
 
 
 class Breaks(Observer):
