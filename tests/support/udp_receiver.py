@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support import sessions
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.feeds.session.observer import Observer
 
 START = "2026-01-01T12:00:00.05Z"
 LOOPBACK_INTERFACE = "lo"
@@ -86,19 +86,20 @@ def scene_with(udp: str, sensors: str | None = None) -> str:
     return f"{text}\n{udp}"
 
 
-async def simulated(
-    folder: Path, text: str, duration_s: float = 4.0, listener: socket.socket | None = None
+class Reader(Observer):
+    """Reads what a socket has received whenever a message leaves, so that no buffer fills."""
+
+    def __init__(self, ears: socket.socket) -> None:
+        self._ears, self.datagrams = ears, list[bytes]()
+
+    def after_link(self, _message: Message, _sent_utc_ns: int) -> None:
+        self.datagrams += heard(self._ears)
+
+
+def simulated(
+    folder: Path, text: str, duration_s: float, ears: socket.socket
 ) -> tuple[SessionCounters, list[Message], list[bytes]]:
-    """Totals, what left, and what was heard, which is read on the way so that no buffer fills."""
-    scene = load(scene_file(folder, text))
-    sent: list[Message] = []
-    datagrams: list[bytes] = []
-
-    def tap(message: Message, _t_utc_ns: int) -> None:
-        sent.append(message)
-        if listener is not None:
-            datagrams.extend(heard(listener))
-
-    clock = InstantClock(scene.scene.start_utc_ns)
-    totals = await run(scene, clock=clock, broker="none", duration_s=duration_s, tap=tap)
-    return totals, sent, datagrams
+    """Totals of a session in simulated time, what left, and what was heard of it."""
+    reader = Reader(ears)
+    session = sessions.simulated(load(scene_file(folder, text)), duration_s, (), reader)
+    return session.totals, [message for message, _ in session.said], reader.datagrams

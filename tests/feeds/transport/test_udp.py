@@ -55,15 +55,14 @@ def asterix(sent: list[Message], *sensors: str) -> list[bytes]:
 @pytest.mark.parametrize(
     ("host", "max_octets"), [("127.0.0.1", 64), pytest.param("::1", 1400, marks=needs_ipv6)]
 )
-@pytest.mark.asyncio
-async def test_what_is_asterix_goes_out_in_order_in_whole_blocks_no_larger_than_asked(
+def test_what_is_asterix_goes_out_in_order_in_whole_blocks_no_larger_than_asked(
     tmp_path: Path, host: str, max_octets: int
 ) -> None:
     """A sector's plots come before the service message that ends it; both bear a time of day."""
     crowded = radar(period_s=0.5, sectors=4, more="doppler_cells = 200")
     with receiver(host) as ears:
         text = scene_with(destination(place(ears), max_octets=max_octets), crowded)
-        totals, sent, got = await simulated(tmp_path, text, 2.0, ears)
+        totals, sent, got = simulated(tmp_path, text, 2.0, ears)
     assert got == asterix(sent)
     assert totals.undelivered == 0
     assert max_octets * 0.7 < max(map(len, got)) <= max_octets
@@ -82,20 +81,23 @@ async def test_what_is_asterix_goes_out_in_order_in_whole_blocks_no_larger_than_
     assert plots == totals.plots > 0
 
 
-@pytest.mark.asyncio
-async def test_each_destination_gets_its_own_sensors(tmp_path: Path) -> None:
+def test_each_destination_gets_its_own_sensors(tmp_path: Path) -> None:
     sensors = radar("one", period_s=0.5) + radar("two", period_s=0.5)
     with receiver() as all_ears, receiver() as ears:
         udp = destination(place(all_ears)) + destination(place(ears), sensors=["two"])
-        _, sent, got = await simulated(tmp_path, scene_with(udp, sensors), 2.0, all_ears)
+        _, sent, got = simulated(tmp_path, scene_with(udp, sensors), 2.0, all_ears)
         assert got == asterix(sent)
         assert heard(ears) == asterix(sent, "two")
     assert asterix(sent, "one")
 
 
-@pytest.mark.asyncio
-async def test_nobody_listening_is_nobodys_trouble(tmp_path: Path) -> None:
-    totals, _, _ = await simulated(tmp_path, scene_with(destination(f"127.0.0.1:{free_port()}")))
+def sent_to(folder: Path, udp: str) -> sessions.AtWork:
+    """A session in simulated time that sends to those destinations."""
+    return sessions.simulated(load(scene_file(folder, scene_with(udp))), 4.0)
+
+
+def test_nobody_listening_is_nobodys_trouble(tmp_path: Path) -> None:
+    totals = sent_to(tmp_path, destination(f"127.0.0.1:{free_port()}")).totals
     assert totals.messages > 50
     assert totals.undelivered == 0
 
@@ -108,15 +110,14 @@ async def test_nobody_listening_is_nobodys_trouble(tmp_path: Path) -> None:
         pytest.param(GROUP_6, "", marks=needs_ipv6),
     ],
 )
-@pytest.mark.asyncio
-async def test_a_group_is_reached_by_the_interface_of_the_scene(
+def test_a_group_is_reached_by_the_interface_of_the_scene(
     tmp_path: Path, group: str, interface: str
 ) -> None:
     host, interface = "::1" if group == GROUP_6 else "127.0.0.1", interface or interface_of(group)
     with receiver(host, group) as one, receiver(host, group) as other:
         udp = destination(place(one), interface=interface, ttl=0)
         udp += destination(place(other), interface=interface, ttl=0)
-        _, sent, got = await simulated(tmp_path, scene_with(udp), listener=one)
+        _, sent, got = simulated(tmp_path, scene_with(udp), 4.0, one)
         assert got == asterix(sent) != []
         assert heard(other) == got
 
@@ -239,8 +240,7 @@ def test_a_destination_without_a_route_takes_nothing_from_others(
     """What arrived elsewhere was sent; who did not get it is told by name, and once in the log."""
     with receiver() as ears:
         udp = destination(place(ears)) + destination(NO_ROUTE)
-        seen = sessions.simulated(load(scene_file(tmp_path, scene_with(udp))), 4.0)
-        got = heard(ears)
+        seen, got = sent_to(tmp_path, udp), heard(ears)
     name = f"udp[1] {NO_ROUTE}"
     of_asterix = [one for one in seen.sent if "/asterix/" in one.topic]
     assert len(got) == len(of_asterix) > 10
@@ -253,7 +253,6 @@ def test_a_destination_without_a_route_takes_nothing_from_others(
     assert line == f"{name} gets nothing: Network is unreachable; others do"
 
 
-@pytest.mark.asyncio
-async def test_what_no_destination_got_is_undelivered(tmp_path: Path, no_route: None) -> None:
-    totals, _, _ = await simulated(tmp_path, scene_with(destination(NO_ROUTE)))
+def test_what_no_destination_got_is_undelivered(tmp_path: Path, no_route: None) -> None:
+    totals = sent_to(tmp_path, destination(NO_ROUTE)).totals
     assert totals.undelivered == totals.undelivered_to[f"udp[0] {NO_ROUTE}"] > 10
