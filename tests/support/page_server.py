@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
 
-import pytest
-from support import made_up_session
 from support.chromium import wait_beside
 from support.made_up_session import MadeUpSession
 from support.waiting import PATIENCE_S
@@ -151,19 +149,6 @@ def on_stage(stage: MadeUpSession, **more: Any) -> Iterator[Served]:
     """A stage that plays, and is the page's controls."""
     assert stage.view is not None
     with served(stage.view, stage, lambda: stage.now_ns, playing=stage.run, **more) as page:
-        yield page
-
-
-@pytest.fixture(name="stage")
-def small_stage() -> MadeUpSession:
-    """A stage on which nothing has happened yet, for tests that bring it into their module."""
-    return MadeUpSession(View(), made_up_session.scene(8))
-
-
-@pytest.fixture(name="page")
-def small_page(stage: MadeUpSession) -> Iterator[Served]:
-    """That stage, served to nobody's browser."""
-    with on_stage(stage) as page:
         yield page
 
 

@@ -33,15 +33,9 @@ def is_one_line(text: str) -> bool:
     return len(text.splitlines()) == 1 and text.startswith("plotfeed: ")
 
 
-def test_the_entry_point_is_the_command_and_waits_for_no_library_of_a_session() -> None:
+def test_the_entry_point_is_the_command() -> None:
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
     assert project["scripts"] == {"plotfeed": "plotfeed.feeds.cli.__main__:main"}
-    code = (
-        "import sys, plotfeed.feeds.cli.main\n"
-        "print({'numpy', 'pydantic', 'google', 'asyncio', 'mcap'} & sys.modules.keys())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "set()\n"
     assert version("plotfeed") in plotfeed_here("--version").stdout
 
 

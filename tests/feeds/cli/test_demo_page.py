@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 from urllib.request import urlopen
@@ -78,12 +77,3 @@ def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on_unless_a_page_w
     done = plotfeed_here("demo", *QUICK, "--page", "0")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"plotfeed: the page cannot be served, {hint}\n"
-
-
-def test_what_runs_a_session_with_its_page_loads_no_library_of_the_page() -> None:
-    code = (
-        "import sys, plotfeed.feeds.cli.run, plotfeed.feeds.page.run_with_page\n"
-        "print(sorted({'starlette', 'uvicorn', 'websockets'} & sys.modules.keys()))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"

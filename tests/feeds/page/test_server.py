@@ -10,15 +10,10 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
+from support import made_up_session
 from support.brokers import free_port
 from support.made_up_session import MadeUpSession
-from support.page_server import (
-    Served,
-    on_stage,
-    served,
-    small_page,  # noqa: F401 - a fixture
-    small_stage,  # noqa: F401 - a fixture
-)
+from support.page_server import Served, on_stage, served
 from support.page_updates import TRUE_KINDS, Frame, read_frame
 from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -32,6 +27,19 @@ from plotfeed.feeds.page.view import View
 
 AUDIENCE = "/audience/feed"
 WIDE = PageAddress("0.0.0.0", 0)  # noqa: S104 - with tokens
+
+
+@pytest.fixture
+def stage() -> MadeUpSession:
+    """On which nothing has happened yet."""
+    return MadeUpSession(View(), made_up_session.scene(8))
+
+
+@pytest.fixture
+def page(stage: MadeUpSession) -> Iterator[Served]:
+    """That stage, served to nobody's browser."""
+    with on_stage(stage) as page:
+        yield page
 
 
 def frames(feed: ClientConnection) -> Iterator[Frame]:
