@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import http.client
-import threading
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
 
+from anyio.from_thread import BlockingPortal, start_blocking_portal
 from support.chromium import wait_beside
 from support.made_up_session import MadeUpSession
 from support.waiting import PATIENCE_S
@@ -21,7 +19,6 @@ from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.updates import Controls
 from plotfeed.feeds.page.view import View
-from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
@@ -33,7 +30,7 @@ LOOPBACK = PageAddress("127.0.0.1", 0)
 class Served:
     url: str
     server: PageServer
-    loop: asyncio.AbstractEventLoop
+    loop: BlockingPortal
 
     @property
     def port(self) -> int:
@@ -48,14 +45,7 @@ class Served:
 
     def call(self, function: Callable[[], Any]) -> Any:
         """What a function gives that must run where the server does."""
-
-        async def called() -> Any:
-            return function()
-
-        return self.run(called())
-
-    def run(self, work: Coroutine[Any, Any, Any]) -> Any:
-        return asyncio.run_coroutine_threadsafe(work, self.loop).result(PATIENCE_S)
+        return self.loop.call(function)
 
     def get(self, path: str = "/", **headers: str) -> tuple[int, dict[str, str], bytes]:
         """Status, headers by lower-case names, body."""
@@ -107,41 +97,14 @@ def served(
     playing: Callable[[], Coroutine[Any, Any, Any]] | None = None,
 ) -> Iterator[Served]:
     """Meanwhile `playing` runs in the same loop."""
-    ready: threading.Event = threading.Event()
-    found: list[Served | PlotfeedError] = []
-    stop: list[Callable[[], object]] = []
-
-    async def main() -> None:
-        loop, end = asyncio.get_running_loop(), asyncio.Event()
-        stop.append(lambda: loop.call_soon_threadsafe(end.set))
+    server = serving(address, view, controls, now_utc_ns, tokens=tokens)
+    with start_blocking_portal() as loop, loop.wrap_async_context_manager(server) as page:
+        plays = loop.start_task_soon(playing) if playing else None
         try:
-            async with serving(address, view, controls, now_utc_ns, tokens=tokens) as server:
-                task = asyncio.create_task(playing()) if playing else None
-                found.append(Served(server.url, server, loop))
-                ready.set()
-                await end.wait()
-                if task is not None:
-                    task.cancel()
-                    with contextlib.suppress(asyncio.CancelledError):
-                        await task
-        except PlotfeedError as error:
-            found.append(error)
+            yield Served(page.url, page, loop)
         finally:
-            ready.set()
-
-    thread = threading.Thread(target=lambda: asyncio.run(main()), daemon=True)
-    thread.start()
-    assert ready.wait(PATIENCE_S)
-    (first,) = found
-    if isinstance(first, PlotfeedError):
-        thread.join(PATIENCE_S)
-        raise first
-    try:
-        yield first
-    finally:
-        stop[0]()
-        thread.join(PATIENCE_S)
-        assert not thread.is_alive()
+            if plays is not None:
+                plays.cancel()
 
 
 @contextmanager

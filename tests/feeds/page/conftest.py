@@ -97,4 +97,4 @@ def play(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cal
             await asyncio.to_thread(client.close)
 
     with mosquitto(tmp_path_factory.mktemp("broker"), port):
-        yield run
+        yield lambda act: asyncio.run(run(act))

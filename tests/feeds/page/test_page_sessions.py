@@ -59,10 +59,14 @@ class Show:
         self._clock = clock
         self._scene = scene
 
-    async def play(
+    def play(
         self, duration_s: float | None = None, act: Callable[[Show], Any] | None = None
     ) -> None:
         """For so long, or until all is acted."""
+        asyncio.run(self._play(duration_s, act))
+        self.look()
+
+    async def _play(self, duration_s: float | None, act: Callable[[Show], Any] | None) -> None:
         tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
         observers = [Tap(tap), self.observer, *self.others]
         async with (
@@ -72,7 +76,6 @@ class Show:
             if act is not None:
                 await self.until(lambda: self.frames and "scene" in self.news)
                 await act(self)
-        self.look()
 
     def look(self) -> Frame:
         update = self.view.update(self.observer.now_utc_ns(), self.observer.now_utc_ns() / 1e9)
@@ -94,10 +97,9 @@ class Show:
         return np.concatenate([frame.column(kind, name) for frame in self.frames])
 
 
-@pytest.mark.asyncio
-async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> None:
+def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> None:
     show = Show(WallClock(testing.START_NS, speed=5.0))
-    await show.play(6.0)
+    show.play(6.0)
     expected: list[tuple[int, float, float]] = []
     ledgers = (m.payload for m, _ in show.messages if m.topic == "plotfeed/truth")
     for entry in (entry for payload in ledgers for entry in entries_in(payload)):
@@ -115,8 +117,7 @@ async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it()
     assert show.column(SectionKind.PLOT_TRUTHS, "drone").max() == 0
 
 
-@pytest.mark.asyncio
-async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on() -> None:
+def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on() -> None:
     async def act(show: Show) -> None:
         for command in (
             {"sensor": "radar", "set": {"link": {"latency_ms": 400.0}}},
@@ -130,7 +131,7 @@ async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on(
 
     sensors = [testing.radar(), testing.radar(id="other", sic=2, event=[SWITCHED_OFF])]
     show = Show(WallClock(testing.START_NS, speed=10.0), testing.scene(sensors, [DRONE], seed=3))
-    await show.play(act=act)
+    show.play(act=act)
     marks = show.news["marks"]
     assert sorted(mark["words"] for mark in marks) == [
         "Outage of radar",
@@ -148,8 +149,7 @@ async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on(
     assert all(second["t_utc_ms"] > testing.START_NS / 1e6 for second in show.news["seconds"])
 
 
-@pytest.mark.asyncio
-async def test_a_sensor_and_the_clock_are_changed_while_it_runs_and_the_page_says_so(
+def test_a_sensor_and_the_clock_are_changed_while_it_runs_and_the_page_says_so(
     tmp_path: Path,
 ) -> None:
     """What is refused changes nothing; a record has all of it as if it had come in."""
@@ -187,7 +187,7 @@ async def test_a_sensor_and_the_clock_are_changed_while_it_runs_and_the_page_say
     show = Show(WallClock(testing.START_NS, speed=10.0))
     with Recorder(tmp_path / "changed.mcap") as recorder:
         show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
-        await show.play(act=act)
+        show.play(act=act)
     assert show.news["settings"]["radar"]["link"]["latency_ms"] == 40.0
     assert show.news["settings"]["other"]["enabled"] is False
     details = (frame.news.get("details", {}).get("radar") for frame in show.frames)
@@ -203,10 +203,9 @@ async def test_a_sensor_and_the_clock_are_changed_while_it_runs_and_the_page_say
 
 
 @pytest.mark.parametrize("clock", [WallClock, InstantClock])
-@pytest.mark.asyncio
-async def test_the_page_says_what_other_clocks_do_not_allow(clock: Callable[[], Clock]) -> None:
+def test_the_page_says_what_other_clocks_do_not_allow(clock: Callable[[], Clock]) -> None:
     show = Show(clock())
-    await show.play(0.3)
+    show.play(0.3)
     assert show.news["session"]["refuses"].keys() == {"pause", "step", "speed"}
 
 
@@ -218,8 +217,7 @@ async def test_what_needs_a_session_is_refused_without_one() -> None:
             await sessions.apply(command)
 
 
-@pytest.mark.asyncio
-async def test_refused_telemetry_and_totals_reach_the_page() -> None:
+def test_refused_telemetry_and_totals_reach_the_page() -> None:
     async def act(show: Show) -> None:
         session = show.observer._session
         assert session is not None
@@ -228,7 +226,7 @@ async def test_refused_telemetry_and_totals_reach_the_page() -> None:
         await show.until(lambda: show.news.get("refusal") and show.news["totals"].get("refused"))
 
     show = Show(WallClock(testing.START_NS, speed=10.0))
-    await show.play(act=act)
+    show.play(act=act)
     assert "plotfeed/telemetry/x" in show.news["refusal"]
     assert show.news["totals"]["refused"] == 1
 
@@ -266,10 +264,7 @@ LENS = FAR_SENSORS["camera"] | {
 }
 
 
-@pytest.mark.asyncio
-async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_beam_looks_at() -> (
-    None
-):
+def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_beam_looks_at() -> None:
     sector = {"azimuth_min_deg": -60.0, "azimuth_max_deg": 60.0, "report": ["asterix-015"]}
     electronic = {"kind": "electronic", "period_s": 0.5, "dwell_s": 0.01}
     steered = testing.radar(id="steered", scan=electronic, integration_s=0.01, **sector)
@@ -283,7 +278,7 @@ async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_b
         await show.until(lambda: lens(show.news).get("pan_deg") == 120.0)
         await show.until(lambda: lens(show.news)["sees"])
 
-    await show.play(act=act)
+    show.play(act=act)
     told = [lens(frame.news) for frame in show.frames if lens(frame.news)]
     assert (told[0]["pan_deg"], told[0]["from_deg"], told[0]["cued_by"]) == (0.0, -10.0, "")
     turning = [at for at in told if 5.0 < at["pan_deg"] < 115.0]

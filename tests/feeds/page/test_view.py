@@ -458,6 +458,7 @@ def test_what_is_no_place_is_refused_by_its_key() -> None:
     for key, wrong in (
         ("track", None),
         ("latitude_deg", 91),
+        ("latitude_deg", -91),
         ("longitude_deg", None),
         ("velocity_east_m_s", float("inf")),
         ("velocity_north_m_s", 1e5),
