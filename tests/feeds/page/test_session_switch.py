@@ -225,6 +225,7 @@ def test_a_pause_holds_everything_and_a_seek_goes_on_from_there(
         assert recorded_s(heard)[:20] == [t_s for t_s in sorted(times_s) if t_s >= 1.0][:20]
         heard = len(client.heard)
         to_s = (await viewer.done(replay={"skip_s": 10.0}))["position_s"]  # to a tenth
+        assert to_s >= 11.0
         await viewer.until(lambda: [t_s for t_s in recorded_s(heard) if t_s > to_s])
         assert not [t_s for t_s in recorded_s(heard) if -9.8 < t_s - to_s < -0.2]
 
