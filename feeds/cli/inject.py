@@ -34,6 +34,7 @@ from plotfeed.feeds.messages.transports import publish
 from plotfeed.feeds.scene.drones import FlightFile
 from plotfeed.feeds.scene.fields import Height, Positive
 from plotfeed.feeds.scene.telemetry_keys import FlownSpeed, TelemetrySource, Undulation
+from plotfeed.feeds.session.loop import first_of
 from plotfeed.feeds.telemetry.admission import MAX_SPEED_M_S
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
@@ -469,7 +470,12 @@ class _Relay(_ToSession):
                 prefix = self._settings.prefix
                 say(f"plotfeed: no session says on {prefix}/session that it runs", err=True)
             say(f"listens to {self._source.name}, drones are {self._template}; stop: Ctrl-C")
-            await self._listen(duration_s, stop)
+            status = asyncio.create_task(show_status(self._line), name="status")
+            try:
+                await first_of(self._source.run(), stop.wait(), within_s=duration_s)
+            finally:
+                status.cancel()
+                await asyncio.gather(status, return_exceptions=True)
             self._source.close()  # what came from now on would find the link at its end
             await self._link.drain()
             await self._answers.end()
@@ -477,23 +483,6 @@ class _Relay(_ToSession):
         if signal.SIGINT in signals:
             return INTERRUPTED
         return FAILED if self._undelivered or not self._sent else 0
-
-    async def _listen(self, duration_s: float | None, stop: asyncio.Event) -> None:
-        tasks = [
-            asyncio.create_task(self._source.run(), name="source"),
-            asyncio.create_task(stop.wait(), name="stop"),
-        ]
-        status = asyncio.create_task(show_status(self._line), name="status")
-        try:
-            done, _ = await asyncio.wait(
-                tasks, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED
-            )
-            for task in done:
-                task.result()
-        finally:
-            for task in (*tasks, status):
-                task.cancel()
-            await asyncio.gather(*tasks, status, return_exceptions=True)
 
     def _line(self) -> str:
         return (

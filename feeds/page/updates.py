@@ -203,22 +203,18 @@ def request_in(text: str | None) -> ViewRequest | ControlRequest:
     if not isinstance(message, dict):
         raise PlotfeedError("expected an object with look or command")
     if "look" in message:
-        return _look_in(message["look"])
+        look = message["look"] if isinstance(message["look"], dict) else {"watch": None}
+        watched = look.get("watch", [])
+        if not isinstance(watched, list) or not all(isinstance(name, str) for name in watched):
+            raise PlotfeedError("look: expected truth and a list to watch")
+        name = name_in(look.get("name", ""))
+        return ViewRequest(look.get("truth") is True, tuple(watched[:MAX_WATCHED]), name)
     number, command = message.get("number"), message.get("command")
     if not isinstance(number, int) or not isinstance(command, dict):
         raise PlotfeedError("expected an object with a number and a command")
     if sum(subject in command for subject in SUBJECTS) != 1:
         raise PlotfeedError(f"expected a command with one of {', '.join(SUBJECTS)}")
     return ControlRequest(number, command)
-
-
-def _look_in(look: object) -> ViewRequest:
-    watched = look.get("watch", []) if isinstance(look, dict) else None
-    if not isinstance(watched, list) or not all(isinstance(name, str) for name in watched):
-        raise PlotfeedError("look: expected truth and a list to watch")
-    truth = isinstance(look, dict) and look.get("truth") is True
-    name = name_in(look.get("name", "")) if isinstance(look, dict) else ""
-    return ViewRequest(truth, tuple(watched[:MAX_WATCHED]), name)
 
 
 MAX_QUEUED = 20  # Updates; when there are more, all are dropped, and a snapshot makes up for them

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from typing import TYPE_CHECKING, Any
@@ -170,19 +169,17 @@ class SessionLoop:
         return not self._is_simulated and due_ns is not None and clock.stands_before(due_ns)
 
 
-async def first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:
-    """Wait for the end of the work, or end it when asked to stop."""
-    working = asyncio.create_task(work, name="work")
-    stopping = asyncio.create_task(stop.wait(), name="stop")
+async def first_of(*works: Coroutine[Any, Any, object], within_s: float | None = None) -> None:
+    """Do all of that until any of it ends, or for so long; raises what it died of."""
+    tasks = [asyncio.create_task(work) for work in works]
     try:
-        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
-        if working.done():
-            working.result()
+        await asyncio.wait(tasks, timeout=within_s, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        for task in (working, stopping):
+        for task in tasks:
             task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+        for ended in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(ended, Exception):
+                raise ended
 
 
 def cause_of(group: ExceptionGroup[Exception]) -> Exception:

@@ -276,7 +276,7 @@ class Session:
                 try:
                     async with hold.kept(self, tasks):
                         end_ns = self._end_ns(duration_s)
-                        await first_of(hold.wait_for_turn(self, end_ns), stop)
+                        await first_of(hold.wait_for_turn(self, end_ns), stop.wait())
                         if hold.is_claimed:  # else another process has the part
                             await self._run(duration_s, stop, on_ready, tasks, running)
                 finally:
@@ -298,7 +298,7 @@ class Session:
             running += [
                 tasks.create_task(each.run(), name=f"{kind}[{each.name}]") for each in kept_up
             ]
-        await first_of(self._connected(), stop)
+        await first_of(self._connected(), stop.wait())
         if stop.is_set():
             self._outputs.forget_wills()
             return  # nothing has begun
@@ -311,7 +311,7 @@ class Session:
             self.engine.start(start_ns)
         else:
             await self._join(self.part)
-        await first_of(self._work(duration_s), stop)
+        await first_of(self._work(duration_s), stop.wait())
         await self._flush(stop)
         await self._farewell(running[len(self._outbox.transports) :])
 
@@ -363,7 +363,7 @@ class Session:
     async def _flush(self, stop: asyncio.Event) -> None:
         """Deliver what links hold: all of it after a set time, what is near when told to stop."""
         if not stop.is_set():
-            await first_of(self._loop.finish(ActionKind.DELIVERY), stop)
+            await first_of(self._loop.finish(ActionKind.DELIVERY), stop.wait())
         if stop.is_set():
             self.clock.wake()
             if isinstance(self.clock, WallClock):
