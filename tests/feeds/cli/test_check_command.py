@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,11 @@ def test_it_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
     assert all(0 <= pd <= 1 for pd in pds)
     bigger = checked(tmp_path, scene_text(), "--rcs-m2", "1.0")
     assert bigger["sensors"][0]["table"][-1]["pd"] > pds[-1]
+    near = radar().replace("range_max_m = 10_000.0", "range_max_m = 2500.0")
+    rows = checked(tmp_path, scene_text(sensors=near))["sensors"][0]["table"]
+    # The range of a row is that to the drone at its height, not along the ground.
+    levels_db = [row["snr_db"] + 40 * math.log10(row["range_m"]) for row in rows]
+    assert levels_db == pytest.approx([levels_db[-1]] * len(rows))
 
 
 # Eight beams of 2 degrees, a turn in half a second: 22.2 ms on a target.
