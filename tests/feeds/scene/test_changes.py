@@ -1,11 +1,9 @@
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 from support.every_kind import GATE
-from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.scene.changes import (
     MAX_COMMAND_OCTETS,
@@ -15,9 +13,9 @@ from plotfeed.feeds.scene.changes import (
     merged,
     parsed,
 )
-from plotfeed.feeds.scene.scene import SceneError, load
+from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.testing import radar, scene
+from plotfeed.testing import flown, radar, scene, waypoint
 
 
 def sensor(**keys: Any) -> Sensor:
@@ -158,68 +156,59 @@ def test_what_is_no_command_is_refused_in_a_line(payload: bytes, words: str) -> 
 # Stories: what they may say, and those that any scene has.
 
 USUAL = {"bad-link", "outage", "drift", "jamming", "swarm"}
-STORY = """
-[[story]]
-id = "rain"
-title = "A shower"
-change = [{ sensor = "radar", set = { weather = { rain_mm_h = 20.0 } } }]
-"""
+WAY = waypoint(90.0, 8.0, 900.0), waypoint(90.0, 8.0, 2000.0)
+WET = {"sensor": "radar", "set": {"weather": {"rain_mm_h": 20.0}}}
+RAIN = {"id": "rain", "title": "A shower", "change": [WET]}
 
 
-def test_a_scene_tells_stories_of_its_own_and_in_place_of_the_usual(tmp_path: Path) -> None:
-    own = STORY + STORY.replace("rain", "outage", 1)
-    scene = load(scene_file(tmp_path, scene_text() + own))
-    assert scene.stories.keys() == USUAL | {"rain"}
-    assert scene.stories["outage"].title == "A shower"
-    assert scene.stories["rain"].sets == {"radar": {"weather": {"rain_mm_h": 20.0}}}
+def telling(*stories: dict[str, Any]) -> Scene:
+    return scene([radar()], [flown("visitor", *WAY)], seed=1, story=list(stories))
 
 
-REFUSED = {
-    'sensor = "nobody", set = { pfa = 1e-4 }': "no sensor has the id 'nobody'",
-    'sensor = "radar", set = { pfa = 2.0 }': "change[0].set: pfa",
-    'sensor = "radar", set = { id = "other" }': "cannot change while the sensor is at work",
-    'sensor = "radar"': "expected set with a sensor",
-    'sensor = "radar", set = { pfa = 1e-4 }, drone = "visitor"': "expected either sensor or drone",
-    'drone = "visitor"': "expected contingency or claim with a drone",
-    'drone = "nobody", contingency = { kind = "hold" }': "the scene flies no 'nobody'",
-    'drone = "visitor", contingency = { kind = "hold", at_s = 3.0 }': "when the story begins",
-    'drone = "visitor", claim = { freeze = true }': "it is not [cooperative]",
-}
+def swarm(name: str) -> dict[str, Any]:
+    """A story of a swarm of that name."""
+    line = {"kind": "line", "spacing_m": 10.0}
+    keys = {"id": name, "number": 2, "formation": line, "speed_m_s": 10.0, "path": list(WAY)}
+    return {"id": "x", "swarm": [keys]}
 
 
-@pytest.mark.parametrize(("change", "why"), REFUSED.items())
+def test_a_scene_tells_stories_of_its_own_and_in_place_of_the_usual() -> None:
+    stories = telling(RAIN, RAIN | {"id": "outage"}).stories
+    assert stories.keys() == USUAL | {"rain"}
+    assert stories["outage"].title == "A shower"
+    assert stories["rain"].sets == {"radar": {"weather": {"rain_mm_h": 20.0}}}
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"sensor": "nobody", "set": {"pfa": 1e-4}}, "no sensor has the id 'nobody'"),
+        ({"sensor": "radar", "set": {"pfa": 2.0}}, "change[0].set: pfa"),
+        ({"sensor": "radar", "set": {"id": "b"}}, "cannot change while the sensor is at work"),
+        ({"sensor": "radar"}, "expected set with a sensor"),
+        (WET | {"drone": "visitor"}, "expected either sensor or drone"),
+        ({"drone": "visitor"}, "expected contingency or claim with a drone"),
+        ({"drone": "nobody", "contingency": {"kind": "hold"}}, "the scene flies no 'nobody'"),
+        ({"drone": "visitor", "contingency": {"kind": "hold", "at_s": 3.0}}, "the story begins"),
+        ({"drone": "visitor", "claim": {"freeze": True}}, "it is not [cooperative]"),
+    ],
+)
 def test_a_story_that_cannot_be_told_is_refused_by_its_key(
-    tmp_path: Path, change: str, why: str
+    change: dict[str, Any], why: str
 ) -> None:
-    text = f'{scene_text()}\n[[story]]\nid = "x"\nchange = [{{ {change} }}]\n'
     with pytest.raises(SceneError) as refused:
-        load(scene_file(tmp_path, text))
+        telling({"id": "x", "change": [change]})
     assert "story[0]" in str(refused.value)
     assert why in str(refused.value)
 
 
-SWARM = """
-[[story]]
-id = "x"
-[[story.swarm]]
-id = "{id}"
-number = 2
-formation = {{ kind = "line", spacing_m = 10.0 }}
-speed_m_s = 10.0
-path = [
-    {{ east_m = 0.0, north_m = 0.0, above_site_m = 9.0 }},
-    {{ east_m = 9.0, north_m = 0.0, above_site_m = 9.0 }},
-]
-"""
-
-
-def test_a_swarm_of_a_story_has_names_of_its_own_and_waits(tmp_path: Path) -> None:
-    scene = load(scene_file(tmp_path, scene_text() + SWARM.format(id="bees")))
-    assert scene.fleet.waiting_names == ["bees-1", "bees-2"]
-    assert scene.fleet.names == ["visitor"]
-    with pytest.raises(SceneError, match=r"story\[0\]\.swarm\[0\]\.id: .*used twice"):
-        load(scene_file(tmp_path, scene_text() + SWARM.format(id="visitor")))
-    with pytest.raises(SceneError, match=r"story\[0\].*has changes or swarms"):
-        load(scene_file(tmp_path, scene_text() + '[[story]]\nid = "x"\n'))
-    with pytest.raises(SceneError, match=r"story\[1\]\.id: .*used twice"):
-        load(scene_file(tmp_path, scene_text() + STORY + STORY))
+def test_a_swarm_of_a_story_has_names_of_its_own_and_waits() -> None:
+    fleet = telling(swarm("bees")).fleet
+    assert (fleet.names, fleet.waiting_names) == (["visitor"], ["bees-1", "bees-2"])
+    for stories, why in (
+        ([swarm("visitor")], r"story\[0\]\.swarm\[0\]\.id: .*used twice"),
+        ([{"id": "x"}], r"story\[0\].*has changes or swarms"),
+        ([RAIN, RAIN], r"story\[1\]\.id: .*used twice"),
+    ):
+        with pytest.raises(SceneError, match=why):
+            telling(*stories)
