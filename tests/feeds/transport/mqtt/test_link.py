@@ -121,11 +121,7 @@ async def test_without_settings_plots_of_qos_0_do_not_wait_for_a_broker() -> Non
 
 @in_own_time
 async def test_what_waits_too_long_for_a_broker_is_dropped() -> None:
-    async with scripted(policy="wait", messages=5, max_age_s=7.0, acknowledges=True) as (
-        link,
-        broker,
-        deliveries,
-    ):
+    async with scripted(policy="wait", messages=5, max_age_s=7.0) as (link, broker, deliveries):
         await end_connection(broker, link, code=BUSY)
         deliveries.publish(link, 5)
         await asyncio.sleep(6.0)
@@ -169,11 +165,8 @@ async def test_whoever_waits_for_room_loses_nothing(messages: int) -> None:
 
 @in_own_time
 async def test_thousands_that_waited_leave_in_slices_with_others_in_between() -> None:
-    async with scripted(policy="wait", messages=5000, acknowledges=True) as (
-        link,
-        broker,
-        deliveries,
-    ):
+    keys: dict[str, Any] = {"policy": "wait", "messages": 5000, "acknowledges": True}
+    async with scripted(**keys) as (link, broker, deliveries):
         await end_connection(broker, link, code=BUSY)
         deliveries.publish(link, 2000, qos=0)
         broker.code = 0
@@ -312,11 +305,8 @@ async def test_a_socket_that_takes_nothing_for_long_is_given_up(
 
 @in_own_time
 async def test_a_message_larger_than_the_broker_takes_is_not_sent() -> None:
-    async with scripted(properties=b"\x27" + (5000).to_bytes(4, "big"), acknowledges=True) as (
-        link,
-        broker,
-        deliveries,
-    ):
+    most = b"\x27" + (5000).to_bytes(4, "big")
+    async with scripted(properties=most, acknowledges=True) as (link, broker, deliveries):
         for qos in (0, 1):
             deliveries.publish(link, 1, qos=qos, octets=6000)
             deliveries.publish(link, 1, qos=qos, octets=3000)

@@ -357,16 +357,7 @@ def test_arbitrary_text_is_an_address_or_none(url: str) -> None:
 # What docs/mqtt.md and docs/udp.md tell to write down.
 
 DOCS = Path(__file__).parents[4] / "docs"
-REST = """
-[scene]
-name = "pages"
-seed = 1
-site = { latitude_deg = 40.0, longitude_deg = -3.0, height_m = 0.0 }
-[[sensor]]
-id = "radar"
-type = "active_radar"
-preset = "echodyne"
-"""
+REST = {key: of for key, of in tomllib.loads(scene_text()).items() if key != "mqtt"}
 
 
 def blocks(page: str, kind: str = "") -> list[str]:
@@ -375,10 +366,10 @@ def blocks(page: str, kind: str = "") -> list[str]:
 
 
 def test_the_tables_of_the_pages_are_tables_of_a_scene(tmp_path: Path) -> None:
-    limits, mqtt, credentials, queue = blocks("mqtt.md", "toml")
-    assert from_tree(tomllib.loads(REST + limits), tmp_path / "scene.toml").mqtt.broker is None
-    (udp,) = blocks("udp.md", "toml")
-    scene = from_tree(tomllib.loads(REST + mqtt + queue + udp), tmp_path / "scene.toml")
+    limits, mqtt, credentials, queue, udp = (*blocks("mqtt.md", "toml"), *blocks("udp.md", "toml"))
+    told = (REST | tomllib.loads(text) for text in (limits, mqtt + queue + udp))
+    bare, scene = (from_tree(tree, tmp_path / "scene.toml") for tree in told)
+    assert bare.mqtt.broker is None
     assert len(scene.udp) == 3
     assert scene.mqtt.queue.policy == "drop-oldest"
     assert [scene.mqtt.queue.limit(qos) for qos in (0, 1)] == [2000, 2000]
