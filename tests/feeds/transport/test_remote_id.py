@@ -30,11 +30,13 @@ from plotfeed.feeds.transport.live_source import SLOWEST_S, LiveSource
 from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto.utc import NS, iso_utc_ms
+from plotfeed.proto.utc import NS
 from plotfeed.testing import flown, radar, scene, waypoint
 
 NOW = 1_767_225_600 * NS
-VIEW = "view=40.44,-3.74,40.45,-3.73"
+AREA = (40.43, -3.76, 40.47, -3.70)
+VIEW = "view=40.445,-3.735,40.455,-3.725"
+FLIGHTS = f"/uss/flights?{VIEW}"
 TOKEN: Any = {"token": "RID"}  # the name of one
 
 
@@ -49,13 +51,26 @@ async def ask(port: int, path: str, *fields: str) -> tuple[int, Any]:
     return int(head.split()[1]), json.loads(body)
 
 
-def flights(name: str = "radar-1") -> bytes:
-    stamp = {"value": iso_utc_ms(NOW), "format": "RFC3339"}
-    position = {"lat": 40.445, "lng": -3.735, "alt": 700.0}
-    state = {"timestamp": stamp, "position": position}
-    return json.dumps(
-        {"timestamp": stamp, "flights": [{"id": name, "current_state": state}]}
-    ).encode()
+def flight(number: int, **position: object) -> dict[str, Any]:
+    """As F3411-22a has it."""
+    place = {"lat": 40.45, "lng": -3.73, "alt": 760.5, "accuracy_h": "HA3m", "accuracy_v": "VA10m"}
+    return {
+        "id": f"flight-{number}",
+        "aircraft_type": "Helicopter",
+        "current_state": {
+            "timestamp": {"value": "2026-01-01T00:00:00.5Z", "format": "RFC3339"},
+            "position": {**place, **position},
+            "track": 90.0,
+            "speed": 10.0,
+            "vertical_speed": 63.0,
+            "speed_accuracy": "SA1mps",
+        },
+    }
+
+
+def told_of(*flights: dict[str, Any]) -> bytes:
+    """What a service says of those."""
+    return json.dumps({"flights": flights}).encode()
 
 
 @contextlib.asynccontextmanager
@@ -64,20 +79,19 @@ async def service(**keys: Any) -> AsyncIterator[RemoteIdTransport]:
     transport = RemoteIdTransport(settings, lambda: NOW)
     async with kept_up(transport.run()):
         await transport.wait_until_up()
-        message = Message("radar/f3411", flights(), settings.content_type, NOW)
+        message = Message("radar/f3411", told_of(flight(1)), settings.content_type, NOW)
         assert taken(transport, message)
         yield transport
 
 
 OURS, WRONG = (f"Authorization: Bearer {word}" for word in ("secret", "wrong"))
-FLIGHTS = f"/uss/flights?{VIEW}"
 ASKED = [
-    ((FLIGHTS, OURS), 200, '"id": "radar-1"'),
+    ((FLIGHTS, OURS), 200, '"id": "flight-1"'),
     ((f"{FLIGHTS}&recent_positions_duration=60", OURS), 200, '"recent_positions"'),
-    (("/uss/flights/radar-1/details", OURS), 200, '{"details": {"id": "radar-1"}}'),
-    (("/uss/flights/radar-2/details", OURS), 404, "no such flight"),
+    (("/uss/flights/flight-1/details", OURS), 200, '{"details": {"id": "flight-1"}}'),
+    (("/uss/flights/flight-2/details", OURS), 404, "no such flight"),
     ((f"/display_data?{VIEW}", OURS), 200, '"most_recent_position"'),
-    (("/display_data/radar-1", OURS), 200, '{"uas": {"id": "radar-1"}}'),
+    (("/display_data/flight-1", OURS), 200, '{"uas": {"id": "flight-1"}}'),
     (("/uss/flights?view=40,-4,41,-3", OURS), 413, "at most 7000"),
     (("/uss/flights", OURS), 400, "view=lat1"),
     ((f"{FLIGHTS}&recent_positions_duration=x", OURS), 400, "in seconds"),
@@ -109,14 +123,14 @@ async def test_who_asks_is_answered_whatever_others_say_and_however_many_are_sil
             assert (await reader.read()).startswith(b"HTTP/1.1 40")
             writer.close()
         assert len(transport._places._held) <= 100
-        damaged = Message("t", flights("radar-2").replace(b"{", b"["), carried, NOW)
+        damaged = Message("t", told_of(flight(2)).replace(b"{", b"["), carried, NOW)
         assert taken(transport, damaged)
         _, told = await ask(port, FLIGHTS)
         await asyncio.sleep(ASKING.patience_s)
         assert not transport._places._held
         for _, writer in silent:
             writer.close()
-    assert [each["id"] for each in told["flights"]] == ["radar-1"]
+    assert [each["id"] for each in told["flights"]] == ["flight-1"]
 
 
 Heard = list[tuple[str, PositionReport | Refused]]
@@ -200,31 +214,11 @@ async def test_an_answer_is_read_however_its_length_is_told(answer: bytes) -> No
             client.hang_up()
 
 
-AREA = [40.43, -3.76, 40.47, -3.70]
-
-
 def answer_of(*flights: dict[str, Any], status: int = 200, more: str = "") -> bytes:
     """An answer to who asks for them."""
-    body = json.dumps({"flights": flights}).encode()
+    body = told_of(*flights)
     head = f"HTTP/1.1 {status} said\r\n{more}Content-Length: {len(body)}\r\n\r\n"
     return head.encode() + body
-
-
-def flight(number: int, **position: object) -> dict[str, Any]:
-    """As F3411-22a has it."""
-    place = {"lat": 40.45, "lng": -3.73, "alt": 760.5, "accuracy_h": "HA3m", "accuracy_v": "VA10m"}
-    return {
-        "id": f"flight-{number}",
-        "aircraft_type": "Helicopter",
-        "current_state": {
-            "timestamp": {"value": "2026-01-01T00:00:00.5Z", "format": "RFC3339"},
-            "position": {**place, **position},
-            "track": 90.0,
-            "speed": 10.0,
-            "vertical_speed": 63.0,
-            "speed_accuracy": "SA1mps",
-        },
-    }
 
 
 async def listen(
