@@ -192,16 +192,8 @@ class CooperativeDrones:
         frame = LocalFrame(latitude_deg, longitude_deg, height_m)
         east, north, up = frame.rotate_from_ecef(state.velocity_ecef_m_s[0]).tolist()
         accuracy_m = self._settings.accuracy_m or np.nan
-        return PositionReport(
-            t_utc_ns=t_utc_ns,
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            altitude_m=height_m,
-            altitude_reference=AltitudeReference.ELLIPSOID,
-            velocity_enu_m_s=(east, north, up),
-            horizontal_accuracy_m=accuracy_m,
-            vertical_accuracy_m=accuracy_m,
-        )
+        place = latitude_deg, longitude_deg, height_m, AltitudeReference.ELLIPSOID
+        return PositionReport(t_utc_ns, *place, (east, north, up), accuracy_m, accuracy_m)
 
     def _faulty(
         self, speaker: _Speaker, true: PositionReport, fault: ClaimFault, begin_ns: int

@@ -252,9 +252,8 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> Scene
     if scene.birds or scene.road or scene.turbine:
         from plotfeed.feeds.engine.other_movers import launch_others
 
-        launch_others(
-            scene, trajectories, start_utc_ns
-        )  # what is drawn for drones goes by their rows
+        # After them: what is drawn for drones goes by their rows.
+        launch_others(scene, trajectories, start_utc_ns)
     return drones
 
 

@@ -293,8 +293,9 @@ async def test_of_two_that_begin_together_one_sends(tmp_path: Path) -> None:
 
 @pytest.mark.asyncio
 async def test_what_ends_in_order_is_ended_and_who_begins_anew_goes_on(tmp_path: Path) -> None:
-    """As where every process of a fleet is started anew, one after the other."""
+    """As where every process of a fleet is started anew; what was told before is told on."""
     async with a_part(tmp_path) as part:
+        await asyncio.sleep(1.0)
         first = part.another()
         await part.sends(1)
         first.stop.set()
@@ -303,5 +304,7 @@ async def test_what_ends_in_order_is_ended_and_who_begins_anew_goes_on(tmp_path:
         await until(lambda: part.states() == ["RUNNING", "ENDED"])
         part.another()
         await part.sends(2)
-        (gap,) = [g for g in part.said("/gaps")[-1] if g["why"].endswith("no longer sends")]
+        told = part.said("/gaps")[-1]
+        (gap,) = [each for each in told if each["why"].endswith("no longer sends")]
         assert gap["to_utc_ns"] > gap["from_utc_ns"]
+        assert "nobody had begun" in [each["why"] for each in told]
