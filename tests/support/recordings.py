@@ -136,14 +136,14 @@ SCENE = Attachment(
 STAGES = (Stage.BEFORE, Stage.AFTER)
 
 
-def messages(count: int, *, octets: int = 40, step_ns: int = MS) -> list[Recorded]:
+def messages(count: int, *, octets: int = 40) -> list[Recorded]:
     """Of four sensors, each before and after its link, with properties; no two alike."""
     return [
         Recorded(
             topic=f"plotfeed/sensor-{n // 2 % 4}/asterix/048",
             payload=n.to_bytes(4, "big") + bytes(octets - 4),
-            log_time_ns=START_NS + n * step_ns,
-            publish_time_ns=START_NS + n * step_ns - 5 * MS,
+            log_time_ns=START_NS + n * MS,
+            publish_time_ns=START_NS + n * MS - 5 * MS,
             content_type="application/x-asterix; cat=48",
             properties=(("specversion", "1.0"), ("id", f"asterix-048-{n}"), ("scan", str(n // 8))),
             qos=n % 2,

@@ -123,7 +123,7 @@ def poorer(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return os.environ | {
         "PLOTFEED_TEST_LACKS": str(told),
         "PYTHONIOENCODING": "cp1252",
-        "PYTHONPATH": os.pathsep.join([str(HERE / "site"), str(HERE.parent)]),
+        "PYTHONPATH": os.pathsep.join([str(HERE / "poorer"), str(HERE.parent)]),
         "PYTHONWARNDEFAULTENCODING": "1",
     }
 
