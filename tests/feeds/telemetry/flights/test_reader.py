@@ -214,13 +214,19 @@ def test_a_fine_log_is_left_as_it_is_and_gaps_of_its_velocities_are_filled() -> 
     assert velocity == pytest.approx((1.0, 5.0, 0.0), abs=1e-3)
 
 
-def test_a_break_in_the_log_is_not_bridged_unless_it_is_sparse_all_over() -> None:
-    t_s = np.concatenate([np.arange(20.0), np.arange(80.0, 100.0)])
-    north_m = np.concatenate([np.arange(20.0) * 10, 200 - np.arange(20.0) * 10])
-    smooth = smoothed(steady(t_s, north_m, decimals=4))
-    north_m_s = [r.velocity_enu_m_s[1] for r in smooth.reports]
-    assert north_m_s[15:20] == pytest.approx([10.0] * 5, abs=4)
-    assert north_m_s[20:25] == pytest.approx([-10.0] * 5, abs=4)
+@pytest.mark.parametrize(("gap_s", "bridged"), [(5.0, True), (6.0, False)])
+def test_a_break_in_the_log_is_not_bridged(gap_s: float, bridged: bool) -> None:
+    """What is before it and after it is as if each were a log of its own."""
+    t_s = np.concatenate([np.arange(20.0), 19.0 + gap_s + np.arange(20.0)])
+    broken = steady(t_s, 10 * np.minimum(t_s, 38.0 - t_s), decimals=4)
+    halves = [replace(broken, reports=broken.reports[half]) for half in (np.s_[:20], np.s_[20:])]
+    alone = [one.velocity_enu_m_s for half in halves for one in smoothed(half).reports]
+    whole = [one.velocity_enu_m_s for one in smoothed(broken).reports]
+    assert np.allclose(whole, alone, rtol=0, atol=1e-6) != bridged
+    assert [whole[15][1], whole[25][1]] == pytest.approx([10.0, -10.0], abs=4)
+
+
+def test_a_log_that_is_sparse_all_over_is_one_stretch() -> None:
     t_s = np.arange(0, 300.0, 10.0)
     assert speeds(smoothed(steady(t_s, t_s * 7))) == pytest.approx(7.0, rel=1e-3)
     one = steady(np.zeros(1), np.zeros(1))
