@@ -160,7 +160,7 @@ def test_the_engine_is_told_apart_from_the_link(found: dict[str, LinkFigures]) -
     assert_chance(late.fit.link_p_value, "link alone")
 
 
-def test_delays_of_no_plain_law_are_not_compared(found: dict[str, LinkFigures]) -> None:
+def test_links_of_no_plain_law_or_none_are_not_compared(found: dict[str, LinkFigures]) -> None:
     for why in NOT_PLAIN:
         fit = found[why].fit
         assert why in fit.not_comparable
@@ -173,9 +173,6 @@ def test_delays_of_no_plain_law_are_not_compared(found: dict[str, LinkFigures]) 
     for ordered in (stalls, found["kept in order"]):
         assert ordered.overtook.asked == ordered.overtook.count == 0
     assert slow.other_fates["queue_full"] == 0 < slow.delivered.p90_ms
-
-
-def test_a_sensor_without_a_link_asks_for_nothing(found: dict[str, LinkFigures]) -> None:
     none = found["nothing"]
     assert none.link == {}
     assert none.asked is not None
@@ -377,6 +374,8 @@ def test_a_burst_does_not_go_on_under_another_setting_nor_where_messages_are_mis
     lost, sent = int(pb.LOST), int(pb.SENT)
     (found,) = order_of((0, 0, sent, 0), (1, 0, lost, 0), (3, 0, lost, 0), (4, 9, sent, 0))
     assert (found.bursts, found.cut_bursts) == ({}, 2)
+    (together,) = order_of((0, 5, sent, 0), (1, 5, sent, 0))
+    assert (together.left, together.overtook) == (2, 0)
 
 
 def test_detection_by_range_adds_up_and_is_within_chance_at_any_range_in_little_memory() -> None:

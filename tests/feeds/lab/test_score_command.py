@@ -200,12 +200,6 @@ def test_wrong_use_is_told_in_a_line(recording: Path, words: list[str], why: str
     assert re.search(why, refusal("score", recording, *words))
 
 
-def test_a_tracker_of_which_there_is_nothing_has_failed(recording: Path) -> None:
-    done = plotfeed_here("score", recording, "--topic", "nobody/here")
-    assert done.returncode == 1
-    assert "The tracker failed: the tracker reported no tracks." in done.stdout
-
-
 def test_what_is_no_recording_with_a_ledger_is_refused(recording: Path, tmp_path: Path) -> None:
     with McapReader(recording) as log:
         others = [m for m in log.messages() if not m.topic.endswith("/truth")]
