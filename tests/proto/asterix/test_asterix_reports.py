@@ -324,6 +324,33 @@ def test_items_do_not_depend_on_each_other(name: str, data: st.DataObject) -> No
     assert_libasterix_makes_the_same(name, *data.draw(some))
 
 
+# The part that a column is sent in, and its last bit in the column's unit.
+LSBS = {
+    "048": {"range_m": ("RHO", 1852 / 256), "azimuth_deg": ("THETA", 360 / 2**16),
+            "run_length_deg": ("PRL", 360 / 2**13), "amplitude_dbm": ("PAM", 1.0),
+            "height_m": ("3DH", 25 * 0.3048), "range_rate_m_s": ("CAL", 1.0)},
+    "015": {"range_m": ("R", 0.1), "range_rate_m_s": ("DV", 0.01), "amplitude_dbm": ("RPP", 1.0),
+            "azimuth_deg": ("AZ", 360 / 2**16), "elevation_deg": ("EL", 180 / 2**16)},
+    "015 multistatic": {"bistatic_range_m": ("R", 0.1)},
+    "015 bearings": {"elevation_deg": ("EL", 180 / 2**16)},
+    "205": {"azimuth_deg": ("BEARING", 0.01), "elevation_deg": ("ELEVATION", 0.01)},
+    "062": {"east_m": ("X", 0.5), "north_m": ("Y", 0.5), "velocity_east_m_s": ("VX", 0.25),
+            "velocity_north_m_s": ("VY", 0.25), "height_m": ("ALTITUDE", 6.25 * 0.3048),
+            "climb_m_s": ("RATE", 6.25 * 0.3048 / 60), "age_s": ("AGE", 0.25),
+            "latitude_deg": ("LAT", 180 / 2**25), "longitude_deg": ("LON", 180 / 2**25)},
+}  # fmt: skip
+
+
+@EVERY_KIND
+@pytest.mark.parametrize(("steps", "sent"), [(1.49, 1), (1.51, 2), (99.51, 100)])
+def test_values_are_sent_to_the_nearest_step(name: str, steps: float, sent: int) -> None:
+    parts = LSBS[name]
+    given_values = {column: steps * lsb for column, (_, lsb) in parts.items()}
+    assert_libasterix_makes_the_same(
+        name, ("", given_values, {part: sent for part, _ in parts.values()})
+    )
+
+
 @EVERY_KIND
 def test_what_is_measured_now_and_then_is_refused(name: str) -> None:
     kind = KINDS[name]
