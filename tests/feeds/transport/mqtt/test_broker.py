@@ -94,6 +94,7 @@ versions = st.sampled_from([4, 5])
 
 
 @given(topic_filter=filters, topic=levels, retained=st.booleans(), origin=versions, to=versions)
+@example(topic_filter=["#"], topic=["$x"], retained=True, origin=5, to=4)
 def test_who_has_subscribed_to_a_topic_hears_it_with_what_a_version_can_carry_and_nobody_else(
     topic_filter: list[str], topic: list[str], retained: bool, origin: int, to: int
 ) -> None:
