@@ -18,15 +18,14 @@ from pathlib import Path
 
 from fuzz.first_seeds import seeds_of
 from support.brokers import free_port, own_broker
-from support.scene_files import radar, scene_text
 from support.sessions import at_work
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.scene.scene import Scene, parsed
-from plotfeed.testing import MqttReceiver
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.testing import MqttReceiver, flown, radar, rotating, scene, waypoint
 
 WAYS = ("garbage", "flood", "silence", "drip", "cut", "disconnect")
 TOPICS = {
@@ -41,13 +40,7 @@ LIVE = (
 )
 SERVED = "remote-id http"
 DOORS = ("mqtt", *TOPICS, *LIVE, SERVED)
-MAPPING = """[[telemetry.mapping]]
-topic = "fleet/{drone}/state"
-latitude = "lat"
-longitude = "lon"
-altitude = "alt"
-altitude_reference = "ellipsoid"
-"""
+MAPPING = {"topic": "fleet/{drone}/state", "latitude": "lat", "longitude": "lon", "altitude": "alt"}
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 400\r\n\r\n" + b'{"flights": []}'.ljust(400)
 RESETS = struct.pack("ii", 1, 0)  # Of SO_LINGER: who closes then resets the connection
 TURN_S = 0.02
@@ -148,20 +141,22 @@ class Attack:
 
 def scene_of(ports: dict[str, int], port: int) -> Scene:
     """A radar that turns slower than a machine stalls, a drone that is known, and all the doors."""
-    sources = ""
+    schemes = {"udp": "udp://127.0.0.1:{}", "tcp": "tcpin://127.0.0.1:{}"}
+    schemes["http"] = "http://127.0.0.1:{}/rid"
+    sources = []
     for door, at in ports.items():
         kind, _, over = door.partition(" ")
-        if over == "http":
-            more = "view = [40.43, -3.76, 40.47, -3.70]\npoll_s = 0.2"
-            sources += f'[[telemetry.source]]\nurl = "{kind}:http://127.0.0.1:{at}/rid"\n{more}\n'
-        elif over:
-            scheme = "udp" if over == "udp" else "tcpin"
-            sources += f'[[telemetry.source]]\nurl = "{kind}:{scheme}://127.0.0.1:{at}"\n'
-    general = "max_speed_m_s = 350.0\ntakeoff_height_m = 650.0\ngeoid_undulation_m = 51.0\n"
-    text = scene_text(
-        port=port, sensors=radar(period_s=6.0, sectors=240), telemetry=general + MAPPING + sources
+        asked = {"view": [40.43, -3.76, 40.47, -3.70], "poll_s": 0.2} if over == "http" else {}
+        sources.append({"url": f"{kind}:{schemes[over].format(at)}"} | asked)
+    telemetry = {"max_speed_m_s": 350.0, "takeoff_height_m": 650.0, "geoid_undulation_m": 51.0}
+    return scene(
+        [radar(scan=rotating(6.0, 240), pfa=1e-5)],
+        [flown("visitor", waypoint(60.0, 5.0, 1700.0), waypoint(320.0, 5.0, 1500.0), rcs_m2=0.05)],
+        seed=3,
+        telemetry=telemetry
+        | {"mapping": [MAPPING | {"altitude_reference": "ellipsoid"}], "source": sources},
+        mqtt={"port": port},
     )
-    return parsed(text.encode(), Path("scene.toml"))
 
 
 def misbehave(
@@ -194,11 +189,11 @@ async def beside(
     """
     broker, apart = free_port(), multiprocessing.get_context("spawn")
     ports = {door: free_port() for door in (*LIVE, SERVED)}
-    scene, begun, over = scene_of(ports, broker), apart.Event(), apart.Event()
+    made, begun, over = scene_of(ports, broker), apart.Event(), apart.Event()
     ports |= dict.fromkeys(("mqtt", *TOPICS), broker)
     bad = apart.Process(target=misbehave, args=(doors, ways, ports, begun, over))
     with own_broker(folder, broker):
-        async with at_work(scene, broker) as session:
+        async with at_work(made, broker) as session:
             bad.start()
             try:
                 await asyncio.to_thread(begun.wait, PATIENCE_S)
@@ -209,7 +204,7 @@ async def beside(
         end_s = time.monotonic() - ended_s
         over.set()
         await asyncio.to_thread(bad.join)
-    engine = Engine(scene, session.session.start_ns)
+    engine = Engine(made, session.session.start_ns)
     alone = octets_of(engine.until(session.sectors[-1].sector.end_ns))
     said = octets_of(session.sectors)
     differing = sum(alone.get(key) != payload for key, payload in said.items())
