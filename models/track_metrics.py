@@ -535,8 +535,8 @@ def t_gospa(
 
     A switch of tracks costs s^p, a pairing that is lost or gained half of it. Pairs that are never
     within the cut-off save nothing and are left out; a flight and a track that have nobody else
-    near are solved by themselves, step by step, which gives the same. Instants may count by
-    `weights` (w,): those that windows share by a half.
+    near are a pair throughout, which costs no switch. Instants may count by `weights` (w,): those
+    that windows share by a half.
     """
     weigh = np.ones(len(truth_there)) if weights is None else weights
     limit, change = cutoff_m**order, switch_m**order / 2
@@ -546,8 +546,7 @@ def t_gospa(
     costs = costs[:, rows, columns]
     alone = (np.bincount(rows)[rows] == 1) & (np.bincount(columns)[columns] == 1)
     saved = (costs - limit) * weigh[:, None]
-    chosen = np.zeros_like(costs)
-    chosen[:, alone] = _alone(saved[:, alone], change)
+    chosen = np.ones_like(costs)
     if not alone.all():
         others = ~alone
         chosen[:, others] = _together(saved[:, others], rows[others], columns[others], change)
@@ -559,24 +558,6 @@ def t_gospa(
         limit / 2 * float(weigh @ (track_there.sum(axis=1) - paired)),
         change * float(np.abs(np.diff(chosen, axis=0)).sum()),
     )
-
-
-def _alone(saved: Floats, change: float) -> Floats:
-    """Weights, 0 or 1, of pairs without rivals, (w, k): the cheapest way, from step to step."""
-    steps, pairs = saved.shape
-    off, on = np.zeros(pairs), saved[0].copy()
-    was_on_if_off = np.zeros((steps, pairs), np.bool_)
-    was_on_if_on = np.ones((steps, pairs), np.bool_)
-    for k in range(1, steps):
-        was_on_if_off[k] = on + change < off
-        was_on_if_on[k] = on <= off + change
-        off, on = (np.minimum(off, on + change), np.minimum(on, off + change) + saved[k])
-    is_on = on < off
-    weights = np.zeros((steps, pairs))
-    for k in range(steps - 1, -1, -1):
-        weights[k] = is_on
-        is_on = np.where(is_on, was_on_if_on[k], was_on_if_off[k])
-    return weights
 
 
 def _together(saved: Floats, rows: Ints, columns: Ints, change: float) -> Floats:

@@ -190,7 +190,7 @@ def test_it_is_the_cheapest_way_through_all_pairings(
 ) -> None:
     """The linear programme may only be lower where it splits a pairing, which these do not."""
     apart, drones, tracks = drawn(seed, 6, flights, of_tracks)
-    for switch in (0.0, 0.5, 4.0):
+    for switch in (0.0, 0.5, 4.0, 9.0):
         found = sum(t_gospa(apart, drones, tracks, cutoff_m=CUTOFF_M, order=2.0, switch_m=switch))
         best = by_dynamic_programming(apart, drones, tracks, 2.0, switch)
         assert found <= best + 1e-6

@@ -312,6 +312,21 @@ def test_a_full_agenda_leaves_search_its_share() -> None:
     assert 10 <= len(tracked) < 40
 
 
+def test_drones_are_looked_at_as_their_manoeuvres_ask() -> None:
+    """The nearer, the more often: by the error across the line of sight to the power of 0.4."""
+    drones = [
+        held("near", -20.0, 5.0, 800.0, rcs_m2=10.0),
+        held("far", 20.0, 5.0, 3200.0, rcs_m2=10.0),
+    ]
+    scan = {"manoeuvre_m_s2": 0.1, "manoeuvre_s": 5.0, "error_ratio": 0.6}
+    keys = steered(scan, azimuth_floor_deg=0.1, elevation_floor_deg=0.1)
+    del keys["scan"]["revisit_s"]
+    looks = simulate(scene([keys], drones, seed=113), 40, start_utc_ns=START_NS)["radar"].looks
+    near, far = np.bincount(looks.drone[looks.channel == REVISIT], minlength=2)
+    assert near > 30
+    assert near / far == pytest.approx(4**0.4, rel=0.35)
+
+
 def test_plots_do_not_depend_on_how_time_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = twenty().plots
     monkeypatch.setattr(simulation, "STRETCH_NS", 130_000_000)

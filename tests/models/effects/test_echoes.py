@@ -17,6 +17,7 @@ from plotfeed.models.effects.echo_effects import (
     CELL_SHAPES,
     CosecantSquaredCut,
     GaussianCut,
+    TableCut,
     cell_factor,
     cosecant_peak_loss_db,
 )
@@ -72,6 +73,12 @@ def test_what_a_cosecant_squared_beam_has_less_at_its_peak() -> None:
     for args, loss_db in values_of("cosecant_peak_loss_db"):
         found = cosecant_peak_loss_db(float(args["from_deg"]), float(args["to_deg"]))
         assert found == pytest.approx(loss_db, rel=1e-13)
+
+
+def test_a_table_is_linear_in_decibels_and_holds_at_its_ends() -> None:
+    cut = TableCut(angles_deg=(-10.0, 0.0, 20.0), gains_db=(-20.0, 0.0, -6.0), boresight_deg=350.0)
+    found = cut.loss_db(np.array([335.0, 345.0, 350.0, 0.0, 10.0, 90.0]))
+    np.testing.assert_allclose(found, [20.0, 10.0, 0.0, 3.0, 6.0, 6.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", CELL_SHAPES)
