@@ -230,14 +230,6 @@ async def test_every_transport_is_drained() -> None:
     assert [socket.drained for socket in sockets] == [1, 1]
 
 
-def test_a_raw_file_holds_the_asterix_and_nothing_else(tmp_path: Path) -> None:
-    with RawFile(tmp_path / "raw") as raw:
-        raw.after_link(message(b"one"), 0)
-        raw.after_link(Message("t", b"no", "application/json", 0), 0)
-        raw.after_link(message(b"two"), 0)
-    assert ((tmp_path / "raw").read_bytes(), raw.failure) == (b"onetwo", "")
-
-
 @pytest.mark.parametrize("octets", [10, 100_000])
 def test_a_full_disk_is_told_once_and_stops_nothing(octets: int) -> None:
     with RawFile(Path("/dev/full")) as raw:
