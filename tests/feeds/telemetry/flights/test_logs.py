@@ -510,6 +510,13 @@ def test_rows_that_cannot_be_read_are_told_by_line() -> None:
     assert "same time" in told["line 7"]
     assert "same time" in told["line 8"]
     assert "latitude_deg is 95" in told["line 9"]
+    counts = ("39", "-1", "nan", "1e999", "1000000.1", "1e6", "noon")
+    text = COUNTED + "".join(f"{count},50,-30,700,0,0\n" for count in counts)
+    flight = flown(".csv", text, altitude_reference=SEA, start_utc_ns=S)
+    assert [r.t_utc_ns // S for r in flight.reports][-2:] == [40, 1_000_001]
+    assert [line.partition(":")[0] for line in flight.skipped] == [
+        f"line {n}" for n in (5, 6, 7, 8, 10)
+    ]
 
 
 def test_what_was_understood_assumed_and_dropped_is_said_back() -> None:
