@@ -116,11 +116,6 @@ def found(told: FeedReport) -> dict[str, LinkFigures]:
     return {each.sensor: each for each in told.links}
 
 
-def only(told: FeedReport) -> LinkFigures:
-    (found,) = told.links
-    return found
-
-
 def assert_z(z: float, of: str) -> None:
     assert_chance(2 * stats.norm.sf(abs(z)), f"{of}, z = {z:+.2f}")
 
@@ -214,7 +209,7 @@ def test_a_fault_of_the_running_process_in_a_link_is_named(
 def test_counts_are_those_of_the_ledger(tmp_path: Path) -> None:
     asked = link(**JITTERED, **lossy("random", probability=0.2), duplicate=0.1, corrupt=0.1)
     ledgers = entries(asked, 2000)
-    found = only(told_of(tmp_path, ledgers))
+    (found,) = told_of(tmp_path, ledgers).links
     sent = [one for entry in ledgers for one in entry.messages]
     first = [one for one in sent if not one.copy]
     times = [(one.due_utc_ns, one.sent_utc_ns) for one in first if one.fate == pb.SENT]
@@ -263,13 +258,14 @@ def test_sessions_count_apart_and_what_was_recorded_twice_once(tmp_path: Path) -
             one.due_utc_ns += 10**12
             one.link_due_utc_ns += 10**12
             one.sent_utc_ns += 10**12 if one.sent_utc_ns else 0
-    once = only(told_of(tmp_path, ledgers))
+    (once,) = told_of(tmp_path, ledgers).links
     told = told_of(tmp_path, [each for entry in (*ledgers, *again) for each in (entry, entry)])
     assert told.entries == 1000
     assert "1000 entries were recorded twice and count once" in told.notes
-    assert only(told).messages == 2 * once.messages
-    assert only(told).bursts.bursts == 2 * once.bursts.bursts
-    assert only(told).overtook.count == 2 * once.overtook.count
+    (twice,) = told.links
+    assert twice.messages == 2 * once.messages
+    assert twice.bursts.bursts == 2 * once.bursts.bursts
+    assert twice.overtook.count == 2 * once.overtook.count
 
 
 # Figures, by their definitions.

@@ -23,7 +23,6 @@ from support.significance import assert_chance
 
 from plotfeed.feeds.lab.evidence import AskedByTime
 from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
-from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.feeds.lab.report import lines, print_report
 from plotfeed.feeds.recording.recorded_settings import RecordedSettings
 from plotfeed.models.residuals import Check
@@ -258,10 +257,6 @@ def reported(session: Path) -> FeedReport:
     return told(session)
 
 
-def link_of(report: FeedReport, sensor: str, number: int = 1) -> LinkFigures:
-    return next(x for x in report.links if (x.sensor, x.number) == (sensor, number))
-
-
 def sensor_of(report: FeedReport, name: str) -> SensorFigures:
     return next(x for x in report.sensors if x.sensor == name)
 
@@ -271,7 +266,7 @@ def checks_of(report: FeedReport, sensor: str) -> dict[str, Check]:
 
 
 def test_a_scripted_outage_is_a_setting_of_its_own(reported: FeedReport) -> None:
-    down = link_of(reported, "lossy", 2)
+    (down,) = (x for x in reported.links if (x.sensor, x.number) == ("lossy", 2))
     assert down.messages == down.other_fates["outage"] > 200
     assert down.last_utc_ns - down.first_utc_ns == pytest.approx(10e9, abs=0.2e9)
     assert len(reported.links) == 3
