@@ -199,6 +199,7 @@ FLIGHT = np.array([[1.0, 1.0], [0.0, 1.0]])  # a period of x and vT
 def test_variances_are_those_of_the_filters_equations_and_of_straight_flight(scans: float) -> None:
     """Covariance of x and vT for plots of variance 1."""
     design = AlphaBeta(scans)
+    assert design.alpha == pytest.approx(1 - np.exp(-2 / scans), rel=1e-9)
     gain = np.array([[design.alpha], [design.beta]])
     left = (np.eye(2) - gain @ np.array([[1.0, 0.0]])) @ FLIGHT
     covariance = solve_discrete_lyapunov(left, gain @ gain.T)
