@@ -226,10 +226,13 @@ class BrokerHold(PartHold):
             if (status := part_status(payload)) is not None:
                 self._hear_status(status)
         elif topic == f"{self.source}/gaps":
+            told = told_gaps(payload)
             if not self._claim:
                 began_ns = self._part.began_utc_ns
-                told = [gap for gap in told_gaps(payload) if gap["to_utc_ns"] > began_ns]
-                self.gaps = deque(told, MOST_GAPS)
+                self.gaps = deque([gap for gap in told if gap["to_utc_ns"] > began_ns], MOST_GAPS)
+            elif told == [*self.gaps]:
+                self._gaps_are_told = True
+                self._tell_gaps()
         else:
             if topic == f"{self.source}/session":
                 self._hear_session(payload)
@@ -289,13 +292,13 @@ class BrokerHold(PartHold):
             "lateness_p50_us": p50_us,
             "lateness_p99_us": p99_us,
         }
-        message = self._message(str(part.number), said, now_ns)
-        message.qos = 0  # what is late is of no use to anybody
-        self._out.send_past_link(message)
+        self._out.send_past_link(self._message(str(part.number), said, now_ns))
 
     def _message(self, kind: str, said: object, now_ns: int) -> Message:
         source = self.source if kind == "gaps" else self.source.rpartition("/")[0]
-        return retained_message(source, kind, json.dumps(said).encode(), now_ns)
+        message = retained_message(source, kind, json.dumps(said).encode(), now_ns)
+        message.qos = 0  # by QoS 1 it would be sent again when another may have the part
+        return message
 
     def _tell_gap(self, sensors: Collection[str], from_ns: int, to_ns: int, why: str) -> None:
         """Tell what nobody sent; where that goes on, as one gap."""
@@ -311,15 +314,14 @@ class BrokerHold(PartHold):
         self._gaps_are_told = False
 
     def _tell_gaps(self) -> None:
-        """Tell what nobody sent, if there is more of it; once that of joining is told, it runs.
+        """Tell what nobody sent, until that has come back; who has joined runs then.
 
         Not before, as it may die as soon as others hear that it runs; soon after it says so.
         """
-        if not self._gaps_are_told:
-            self._gaps_are_told = True
+        if not self._gaps_are_told and self.watch.is_up:
             now_ns = self._clock.now_ns()
             self._out.send_past_link(self._message("gaps", [*self.gaps], now_ns))
-        if self.joined_ns and self._state == JOINING:
+        elif self._gaps_are_told and self.joined_ns and self._state == JOINING:
             self._state, self._says_next_s = RUNNING, 0.0
 
 

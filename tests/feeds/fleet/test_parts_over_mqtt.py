@@ -182,6 +182,9 @@ async def a_part(folder: Path, start: Start = quiet_mosquitto) -> AsyncIterator[
     assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
     assert not verdict.missing
     assert verdict.heard
+    # By QoS 1, who was cut off would say once more what another has said otherwise since.
+    of_part = [m for m in part.client.heard if m.topic.startswith("plotfeed/fleet/1")]
+    assert {m.qos for m in of_part if not m.topic.endswith("/session")} == {0}
     for before, told in pairwise(part.said()):  # no more was sent than when the last came back
         if before["process"] == told["process"]:
             then_ns = max(utc_ns(before["time_utc"]) or 0, part.began_ns)
@@ -276,6 +279,7 @@ async def test_who_joins_late_has_told_what_is_missing_before_it_runs(
             part.another()
             runs = await asyncio.to_thread(ears.wait_for, is_running)
             said = ears.heard[: ears.heard.index(runs)]
+        await part.more()
         gap, *_ = next(json.loads(m.payload) for m in said if m.topic.endswith("/gaps"))
     assert (gap["from_utc_ns"], gap["why"]) == (part.began_ns, "nobody had begun")
 
