@@ -384,6 +384,9 @@ def test_what_was_detected_is_drawn_as_a_receiver_would_find_it(
     assert (drawn >= thresholds).all()
     for plain, of_draws, of in ((power, drawn, "power"), (threshold, thresholds, "threshold")):
         assert_chance(float(stats.ks_2samp(of_draws, plain[hit]).pvalue), of)
+    inverse = cfar.inverse_detected(np.array([[snr]]), np.array([order]))[0]
+    spread = (1 / power[hit]).std() / np.sqrt(hit.sum())
+    assert abs((1 / power[hit]).mean() - inverse) < 5 * spread + 1e-3 * inverse
 
 
 def test_the_mean_inverse_of_one_look_is_that_of_swerling_1() -> None:
