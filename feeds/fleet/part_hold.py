@@ -89,7 +89,7 @@ class BrokerHold(PartHold):
         self._gaps_are_told = True
         self._state = JOINING  # As it says, until it has told what nobody sent before it joined
         # What was due by then has been sent, or is told that it was not: as of when it said what
-        # has come back. That had time to arrive when this is said, however late it was sent.
+        # has come back, however late that was.
         self._sent_until_ns = part.began_utc_ns
         self.joined_ns = 0  # What ends after that this process sends; 0 before it does
         self.watch: MqttTransport  # The connection by which it hears and says all this
@@ -178,7 +178,7 @@ class BrokerHold(PartHold):
         self._session.take_not_sent()
         from_ns, why = self._part.began_utc_ns, "nobody had begun"
         if self._other is not None and self._other["began_utc_ns"] == from_ns:
-            from_ns = max(from_ns, self._other["sent_until_utc_ns"])
+            from_ns = max(from_ns, self._other["sent_until_utc_ns"] - ON_THE_WAY_NS)
             why = f"{self._other['worker']} no longer sends"
         if self.joined_ns > from_ns:
             self._tell_gap(self._part.sensors, from_ns, self.joined_ns, why)
