@@ -27,6 +27,7 @@ from plotfeed.testing import scene, staring
 SENSORS = 4
 GROUND = {"reflection": -0.9, "antenna_height_m": 12.0}
 DOPPLER = {"notch_m_s": 1.0}
+PULSES = {"prf_hz": [20e3, 23e3], "needed": 1}
 WIDE = {"horizontal_fov_deg": 170.0, "pixels_across": 900_000, "tilt_deg": 20.0}
 EFFECTS: dict[str, list[dict[str, Any]]] = {
     "active_radar": [
@@ -208,6 +209,7 @@ PREDICTED: list[tuple[str, dict[str, Any], tuple[float, float, float], float]] =
     ("active_radar", {"power_w": 10.0}, (40.0, 12.0, 2500.0), 0.01),
     ("active_radar", {"power_w": 10.0, "doppler": DOPPLER} | WORSE, (40.0, 12.0, 2500.0), 0.01),
     ("active_radar", {"power_w": 10.0, "multipath": GROUND}, (40.0, 12.0, 2500.0), 0.01),
+    ("active_radar", {"power_w": 10.0, "pulses": PULSES}, (40.0, 12.0, 2500.0), 0.01),
     ("mimo_radar", WORSE, (70.0, 12.0, 2000.0), 0.01),
     ("mimo_radar", {}, (70.0, 12.0, 1200.0), 0.01),
     ("passive_radar", {}, (120.0, 3.0, 2500.0), 0.03),
