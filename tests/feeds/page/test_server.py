@@ -297,16 +297,9 @@ def test_a_viewer_that_stalls_is_dropped_and_holds_up_nobody(
     page: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(application, "STALLED_S", 2.0)
-    stalled = socket.socket()
-    stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    stalled.settimeout(PATIENCE_S)
-    stalled.connect(("127.0.0.1", page.port))
-    host = f"127.0.0.1:{page.port}"
-    stalled.sendall(
-        f"GET /feed HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
-        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
-    )
+    narrow = socket.socket()
+    narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    narrow.connect(("127.0.0.1", page.port))
 
     def crowd() -> None:
         """Make every viewer's next frames long."""
@@ -314,13 +307,11 @@ def test_a_viewer_that_stalls_is_dropped_and_holds_up_nobody(
             viewer.start_again()
         page.server._view.session({"recordings": ["x" * (1 << 22)]})
 
-    with page.feed() as feed:
+    with page.feed(sock=narrow, max_queue=1, close_timeout=0), page.feed() as feed:
         wait_until(lambda: len(page.server.viewers) == 2)
         page.call(crowd)
-        while len(page.server.viewers) > 1:
-            assert next_frame(feed)
+        wait_until(lambda: next_frame(feed) and len(page.server.viewers) == 1)
         assert next_frame(feed)
-    stalled.close()
 
 
 def test_viewers_are_as_many_as_there_is_room_for(
