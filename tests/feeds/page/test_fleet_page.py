@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.page_replays import feed_of
-from support.page_updates import read_frame
-from support.waiting import PATIENCE_S
+from support.page_replays import Viewer, feed_of
+from support.page_updates import news_of
 
 from plotfeed.feeds.fleet.fleet_watch import FleetWatch
 from plotfeed.feeds.page.fleet_page import shown_on_page
@@ -58,16 +57,12 @@ async def test_the_page_tells_how_the_parts_of_a_fleet_do_and_takes_no_command()
         ("2", b"{nonsense"),
     ):
         watch._hear(f"plotfeed/fleet/{topic}", payload, None)
-    news: dict[str, Any] = {}
     shown = shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens())
     async with shown as urls, feed_of(urls["page"]) as feed:
-        while "fleet" not in news:
-            data = await feed.recv()
-            news |= read_frame(data).news if isinstance(data, bytes) else {}
-        await feed.send('{"number": 1, "command": {"clock": {"paused": true}}}')
-        while isinstance(data := await feed.recv(), bytes) or "number" not in data:
-            pass
-        assert not json.loads(data)["ok"]
+        viewer = Viewer(feed)
+        await viewer.until(lambda: "fleet" in news_of(viewer.frames))
+        assert not (await viewer.ask(clock={"paused": True}))["ok"]
+    news = news_of(viewer.frames)
     told = news["fleet"]
     assert (told["takeovers"], told["gaps"]) == (1, 1)
     assert told["last_gaps"] == ["nothing of part 1 for 1.00 s: host:8 no longer sends"]
@@ -102,13 +97,17 @@ async def test_the_page_shows_the_plots_and_tracks_that_the_broker_of_a_fleet_de
         track = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}
         seen: dict[str, float] = {}
         shown = shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens())
-        async with shown as urls, asyncio.timeout(PATIENCE_S), feed_of(urls["page"]) as feed:
-            while not {"range_m", "track"} <= seen.keys():
+        async with shown as urls, feed_of(urls["page"]) as feed:
+            viewer = Viewer(feed)
+
+            def both_are_seen() -> bool:
                 client.publish("plotfeed/near/plots", batch.SerializeToString())
                 client.publish(TRACKS, json.dumps(track).encode())
-                data = await feed.recv()
-                for section in read_frame(data).sections if isinstance(data, bytes) else ():
-                    seen |= {name: values[0] for name, values in section.columns.items()}
+                for section in (section for f in viewer.frames for section in f.sections):
+                    seen.update({name: values[0] for name, values in section.columns.items()})
+                return {"range_m", "track"} <= seen.keys()
+
+            await viewer.until(both_are_seen)
         client.close()
     told = [seen[name] for name in ("range_m", "azimuth_deg", "track")]
     assert told == pytest.approx([1200.0, 30.0, 7.0])
