@@ -46,6 +46,7 @@ EVENT = """
 from_s = 15.0
 set = { link = { latency_ms = 700 } }
 """
+TWIN = DRONE.replace('"visitor"', '"twin"').replace("1500.0", "1503.0")  # whose echoes merge
 SECOND = DRONE.replace('"visitor"', '"other"').replace("1500.0", "-1500.0")
 
 
@@ -59,7 +60,7 @@ class Played(NamedTuple):
 
 def played(folder: Path, sensors: str) -> Played:
     text = scene_text(
-        start_utc="2026-01-01T12:00:00Z", port=1883, sensors=sensors, drones=DRONE + SECOND
+        start_utc="2026-01-01T12:00:00Z", port=1883, sensors=sensors, drones=DRONE + TWIN + SECOND
     )
     scene, view, path = load(scene_file(folder, text)), View(), folder / "session.mcap"
     start_ns = scene.scene.start_utc_ns or 0
@@ -86,7 +87,9 @@ def both(update: Update) -> Frame:
 def session(tmp_path_factory: pytest.TempPathFactory) -> Played:
     """Of two radars, one of them behind a bad link that gets worse."""
     far = radar("far", period_s=1.0, more="position_enu_m = [500.0, 0.0, 20.0]")
-    return played(tmp_path_factory.mktemp("shown"), radar("near") + far + LINK + EVENT)
+    return played(
+        tmp_path_factory.mktemp("shown"), radar("near", more="merging = {}") + far + LINK + EVENT
+    )
 
 
 class Shown:
@@ -206,13 +209,18 @@ def test_what_leads_somewhere_makes_no_difference_to_what_is_counted_from_there(
     often = Shown(session.path).at(*straight(2.0), (25.0, True), (10.0, True), (14.0, False))
     for key in ("totals", "settings", "details"):
         assert once.news[key] == often.news[key]
+    straight_on = (Shown(session.path).at(*straight(second)) for second in (10.0, 14.0))
+    before, after, leapt = (
+        sum(shown.news["details"]["near"]["detections"]["looks"]) for shown in (*straight_on, once)
+    )
+    assert leapt == after - before > 0
 
 
 @pytest.mark.parametrize(("second", "latency_ms"), [(5.0, 300), (16.5, 700)])
 def test_links_are_in_force_as_the_ledger_says_wherever_it_is(
     session: Played, second: float, latency_ms: int
 ) -> None:
-    for steps in (straight(second), [(second, True), (second + 3.0, False)]):
+    for steps in (straight(second), [(second, True)], [(second, True), (second + 3.0, False)]):
         settings = Shown(session.path).at(*steps).news["settings"]
         assert settings["far"]["link"]["latency_ms"] == latency_ms
         assert settings["near"].get("link") is None

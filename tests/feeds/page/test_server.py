@@ -183,6 +183,7 @@ def test_the_truth_is_sent_to_the_presenter_who_asks_and_to_an_audience_that_is_
         refused = look(feed, truth=True, watch=["radar"])
         assert refused["ok"] is False
         assert "truth" in refused["error"]
+        assert answer(feed, {"look": {"watch": []}}) == {"looking": True}
         assert look(presenter, truth=True, watch=["radar"]) == {"looking": True}
         assert any(frame.of(SectionKind.DRONES) for frame in frames(presenter))
         seen = []

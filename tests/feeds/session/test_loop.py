@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from support.waiting import until
 
-from plotfeed.feeds.session.loop import LATER_EVERY_SIMULATED_NS, MAX_LATER, SessionLoop
+from plotfeed.feeds.session.loop import LATER_EVERY_SIMULATED_NS, MAX_LATER, SessionLoop, first_of
 from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule, WallClock
 
 MS = 1_000_000
@@ -196,3 +196,23 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     await asyncio.gather(working, return_exceptions=True)
     clock.close()
     assert "in an hour" not in case.names
+
+
+@pytest.mark.asyncio
+async def test_the_first_that_ends_ends_the_others_and_what_any_died_of_is_raised() -> None:
+    ended: list[str] = []
+
+    async def lasts() -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.append("the other")
+
+    async def fails() -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        await first_of(fails(), lasts())
+    await first_of(asyncio.sleep(0), lasts())
+    await first_of(lasts(), within_s=0.01)
+    assert len(ended) == 3
