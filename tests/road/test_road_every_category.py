@@ -83,6 +83,12 @@ def test_what_is_read_is_the_protobuf_to_half_a_step(
     assert np.abs(wrap_180(read - sent)).max() <= lsb / 2 * (1 + 1e-6)
 
 
+def test_reports_of_205_are_numbered_anew_from_scan_to_scan() -> None:
+    """Sixteen numbers a scan, of 256: no report is taken for one of the scan before."""
+    numbers = [record.get("I205/040") for record in road().records("finder", 205)]
+    assert set((np.diff(numbers) % 256).tolist()) == {16}
+
+
 def test_a_passive_radar_says_where_its_transmitter_stands() -> None:
     blocks = road().payloads("passive/asterix/016")
     assert len(blocks) == 2 * int((START_NS + DURATION_S * NS) // (10 * NS) - START_NS // (10 * NS))
