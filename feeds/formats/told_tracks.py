@@ -259,11 +259,11 @@ def _of_feature(feature: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 _TAG = re.compile(rb"<(event|point|track)\b([^<>]*)>")
 _ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-NO_HEIGHT_M = 9_999_999.0
+NOT_KNOWN = 9_999_999.0
 
 
 def events_in(payload: bytes) -> list[Mapping[str, Any]]:
-    """Events of Cursor on Target as objects; `ce` and `le` are taken for two standard errors."""
+    """Events of Cursor on Target as objects; by event.xsd 2.0 `ce` and `le` are one sigma."""
     found: list[dict[str, Any]] = []
     for tag, text in _TAG.findall(payload):
         pairs = _ATTRIBUTE.findall(text.decode(errors="replace"))
@@ -273,10 +273,10 @@ def events_in(payload: bytes) -> list[Mapping[str, Any]]:
             found[-1]["ended"] = told.get("stale", "1") <= told.get("start", "0")
         elif tag == b"point" and found:
             found[-1] |= {"latitude_deg": told.get("lat"), "longitude_deg": told.get("lon")}
-            for key, name, factor in EVENT_ERRORS:
+            for keys, name in EVENT_COLUMNS:
                 with contextlib.suppress(ValueError):
-                    value = float(told.get(name, NO_HEIGHT_M))
-                    found[-1] |= {k: value / factor for k in key if value < NO_HEIGHT_M}
+                    value = float(told.get(name, NOT_KNOWN))
+                    found[-1] |= dict.fromkeys(keys if value < NOT_KNOWN else (), value)
         elif found:
             found[-1] |= {"speed_m_s": told.get("speed"), "course_deg": told.get("course")}
     if not found:
@@ -284,10 +284,10 @@ def events_in(payload: bytes) -> list[Mapping[str, Any]]:
     return list(found)
 
 
-EVENT_ERRORS = (
-    (("height_m",), "hae", 1.0),
-    (("sigma_east_m", "sigma_north_m"), "ce", 2.0),
-    (("sigma_up_m",), "le", 2.0),
+EVENT_COLUMNS = (
+    (("height_m",), "hae"),
+    (("sigma_east_m", "sigma_north_m"), "ce"),
+    (("sigma_up_m",), "le"),
 )
 
 

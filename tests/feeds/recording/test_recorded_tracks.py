@@ -56,7 +56,7 @@ TOLD: dict[str, tuple[bytes, str, float, float, str, tuple[int, float, float] | 
     "GeoJSON": (feature_collection(TRACKS, RADAR), GEOJSON, 1e-7, 0.01, "", None),
     "Cursor on Target": (
         *(EVENTS, COT, 1e-6, 0.1, f"radar-{NUMBER}"),
-        (2, TRACKS.sigma_up_m[0] / 2, 1e-3),
+        (2, TRACKS.sigma_up_m[0], 1e-3),
     ),
 }
 
@@ -304,7 +304,7 @@ OF_POINT = {name: values[:1] for name, values in OF_LINE.items()}
             {
                 "t_utc_ns": [NOON_NS],
                 "height_m": [NAN],
-                "covariance_m2": [[[25, 0, 0], [0, 25, 0], [0, 0, NAN]]],
+                "covariance_m2": [[[100, 0, 0], [0, 100, 0], [0, 0, NAN]]],
                 "ended": [False],
             },
         ),
