@@ -235,10 +235,7 @@ def test_where_ray_is_not_installed_the_extra_is_named(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "127.0.0.1:ray"])
-def test_a_cluster_that_is_not_there_is_told_of(
-    address: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Before Ray is imported, which reads the environment of whoever does so first."""
+def test_no_cluster_there_is_told_of(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(extras, "find_spec", lambda _: "ray")
     said = r"^Ray.*(does not answer|expected HOST:PORT)"
     with pytest.raises(EngineError, match=said), connected(address):
