@@ -9,6 +9,7 @@ rest; the zoom goes evenly in the logarithm of the field of view.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,8 +82,9 @@ def at_rest(aim: Aim, t_utc_ns: int) -> Pointing:
 def moved(state: Pointing, aim: Aim, mount: Mount, t_utc_ns: int) -> Pointing:
     """Pointing at a later time, if the aim is that until then."""
     dt_s = (t_utc_ns - state.t_utc_ns) / NS
-    to_pan_deg = float(wrap_180(aim.pan_deg - state.pan_deg))
-    on_deg, pan_rate = _turned(to_pan_deg, state.pan_rate_deg_s, mount.pan, dt_s)
+    on_deg, pan_rate = _turned(
+        _to_pan_deg(state, aim, mount), state.pan_rate_deg_s, mount.pan, dt_s
+    )
     to_tilt_deg = aim.tilt_deg - state.tilt_deg
     up_deg, tilt_rate = _turned(to_tilt_deg, state.tilt_rate_deg_s, mount.tilt, dt_s)
     zoom, step = float(np.log(aim.field_deg / state.field_deg)), _zoom_rate(mount) * dt_s
@@ -100,13 +102,19 @@ def moved(state: Pointing, aim: Aim, mount: Mount, t_utc_ns: int) -> Pointing:
 
 def slew_s(state: Pointing, aim: Aim, mount: Mount) -> float:
     """How long it takes until all of it is at rest there, without settling."""
-    to_pan_deg = float(wrap_180(aim.pan_deg - state.pan_deg))
     zoom = abs(np.log(aim.field_deg / state.field_deg))
     return max(
-        sum(_phases(to_pan_deg, state.pan_rate_deg_s, mount.pan)[:3]),
+        sum(_phases(_to_pan_deg(state, aim, mount), state.pan_rate_deg_s, mount.pan)[:3]),
         sum(_phases(aim.tilt_deg - state.tilt_deg, state.tilt_rate_deg_s, mount.tilt)[:3]),
         float(zoom / _zoom_rate(mount)) if zoom else 0.0,
     )
+
+
+def _to_pan_deg(state: Pointing, aim: Aim, mount: Mount) -> float:
+    """How far round it goes: the shorter way from where it can stop, whenever that is asked."""
+    way_deg, rate_deg_s = float(wrap_180(aim.pan_deg - state.pan_deg)), state.pan_rate_deg_s
+    left_deg = way_deg - rate_deg_s * abs(rate_deg_s) / (2 * mount.pan.acceleration_deg_s2)
+    return way_deg if abs(left_deg) <= 180.0 else way_deg - math.copysign(360.0, left_deg)
 
 
 def _phases(
