@@ -164,7 +164,7 @@ class BrokerHold(PartHold):
         if self._other is not None:
             self._claim += self._other["claim"]
             self._sent_until_ns = self._other["sent_until_utc_ns"]
-        self._say(self._state)
+        self._say()
 
     async def renewed(self) -> None:
         """Return once what was said after this call has come back."""
@@ -199,7 +199,8 @@ class BrokerHold(PartHold):
         try:
             yield
             if self._claim and not self.is_taken:
-                self._say(ENDED)
+                self._state = ENDED  # whatever is said again meanwhile
+                self._say()
                 await self.watch.drain()
         finally:
             for task in keeping:
@@ -219,7 +220,7 @@ class BrokerHold(PartHold):
                 )
             if self._claim and self.watch.is_up and alive_s() >= self._says_next_s:
                 self._says_next_s = alive_s() + SAY_EVERY_S
-                self._say(self._state)
+                self._say()
 
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if topic == self.source:
@@ -261,12 +262,12 @@ class BrokerHold(PartHold):
         if gone and self._other is not None and self._other["process"] == gone:
             self._silent_s = NEWS_S  # it is known without waiting
 
-    def _say(self, state: str) -> None:
+    def _say(self) -> None:
         if self.joined_ns and (not_sent := self._session.take_not_sent()):
             from_ns = min(first_ns for first_ns, _ in not_sent.values()) - 1
             to_ns = max(last_ns for _, last_ns in not_sent.values())
             self._tell_gap(not_sent.keys(), from_ns, to_ns, "it could not be sent in time")
-        if state == ENDED:  # then all is known
+        if self._state == ENDED:  # then all is known
             self._tell_gaps()
         sent_until_ns = self._session.sent_until_ns if self.joined_ns else self._sent_until_ns
         self._number += 1
@@ -277,7 +278,7 @@ class BrokerHold(PartHold):
         said = {
             "part": part.number,
             "parts": part.parts,
-            "state": state,
+            "state": self._state,
             "process": self.process,
             "worker": f"{socket.gethostname()}:{os.getpid()}",
             "claim": self._claim,

@@ -1223,15 +1223,18 @@ def _joined(look: _Look, ends_m: Floats, snr: Floats) -> JoinedErrors:
     by_height = stated[..., 2].mean(axis=1) - np.linalg.inv(matrix)[..., 2]
     lower_m = sensor.expected_height_m - true_m[:, 2]
     place_m += by_height * (lower_m / sensor.sigma_height_m**2)[:, None]
-    axes = _polar_axes(true_m)
+    axes = _polar_axes(place_m)
     noise, stated = (
         np.einsum("gai,gsij,gaj->gsa", axes, each, axes)
         for each in (stated @ by_noise @ stated, stated)
     )
-    variance, shift = noise.mean(axis=1), np.einsum("gai,gi->ga", axes, place_m - true_m)
+    variance, shift = noise.mean(axis=1), _polar(place_m) - _polar(true_m)
+    shift[:, 1] = folded_180(shift[:, 1])
     pairs = summed(detected)
     free = np.maximum(pairs * measures + 1 - 3, 1)
-    refused = stats.ncx2.sf(stats.chi2.isf(THREE_SIGMAS, free), free, square)
+    gate = stats.chi2.isf(THREE_SIGMAS, free)
+    errs2 = 1.0 if sensor.degradation is None else sensor.degradation.error_factor**2
+    refused = stats.ncx2.sf(gate / errs2, free, square / errs2)
     is_usual = np.array([_order(each.swerling, 1) == 1 for each in look.signatures])[look.of]
     doubted = (pairs < sensor.fewest_pairs) | (refused > MOST_REFUSED)
     doubted |= summed(1.0 - (look.known & is_usual)) > 0
@@ -1270,6 +1273,12 @@ def _measured(place_m: Floats, stations_m: tuple[Floats, Floats]) -> tuple[Float
     slopes = [axes[:, 0] + out_m / sent_m[:, None], *np.radians(np.moveaxis(axes[:, 1:3], 1, 0))]
     told = np.stack([sent_m + received_m, azimuth, elevation], axis=1)
     return told, np.stack(slopes, axis=1)
+
+
+def _polar(place_m: Floats) -> Floats:
+    """Range, azimuth, elevation and height of places; (n, 4)."""
+    azimuth_deg, elevation_deg, range_m = directions(place_m)
+    return np.stack([range_m, azimuth_deg, elevation_deg, place_m[:, 2]], axis=1)
 
 
 def _polar_axes(place_m: Floats) -> Floats:

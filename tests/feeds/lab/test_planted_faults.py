@@ -267,16 +267,13 @@ def test_a_fault_of_the_running_process_is_named(
 
 
 SPREADS = {f"{quantity} spread" for quantity in ("range", "azimuth", "elevation", "height")}
+LEVEL = {"range spread", "azimuth spread"}
 OF_SEVERAL: dict[str, tuple[Keys, Change | None, set[str]]] = {
     "none": ({}, None, set()),
     "azimuth": ({}, of_plots("azimuth_deg", lambda deg: (deg + 2) % 360), {"azimuth"}),
     "height datum": ({}, of_plots("height_m", lambda m: m - 51.0), {"height"}),
     "a second late": ({"bias": {"time_offset_s": 1.0}}, None, {"time"}),
-    "sigma x 2.5": (
-        {"degradation": {"error_factor": 2.5}},
-        None,
-        {"range spread", "azimuth spread"},
-    ),
+    "sigma x 2.5": ({"degradation": {"error_factor": 2.5}}, None, LEVEL),
     "sigma / 2": ({"degradation": {"error_factor": 0.5}}, None, SPREADS),
     "Pd x 0.6": ({"degradation": {"pd_factor": 0.6}}, None, {"Pd"}),
     "sigma that lies": ({}, of_plots("sigma_range_m", lambda m: m / 2), {"range sigma"}),
