@@ -61,9 +61,9 @@ EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
 # Stated variances over expected ones count as no more than this, however wild what is stated.
 MOST_OFF = 1e12
-# By how much joined places may be off, whose errors are known to first order: in standard
-# deviations, seconds, and as a share of their spread.
-JOINED_OFF, JOINED_LATE_S, JOINED_SPREAD = 0.25, 0.25, 0.15
+# By how much joined places may be off, as their errors are known to first order: in sigmas, seconds,
+# and shares of their spread, below it and above, as parts of the detections make some of them.
+JOINED_OFF, JOINED_LATE_S, JOINED_SPREAD = 0.25, 0.25, (0.15, 0.7)
 NOT_AS_STATED = "its plots do not err by the spread that they state"
 
 
@@ -318,7 +318,7 @@ class FeedTally:
         """A check of errors that are known to first order: it holds where they are hardly off."""
         if not check.is_judged:
             return check
-        most = JOINED_LATE_S if check.name == "time" else JOINED_SPREAD
+        most = JOINED_LATE_S if check.name == "time" else JOINED_SPREAD[check.found > 1]
         if check.expected == 0 and check.name != "time":
             k = NAMES.index(check.name.removesuffix(" or time"))
             most = JOINED_OFF * self.errors.usual_sigma(k)
