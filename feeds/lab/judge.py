@@ -61,7 +61,7 @@ EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
 # Stated variances over expected ones count as no more than this, however wild what is stated.
 MOST_OFF = 1e12
-# By how much joined places may be off, as their errors are known to first order: in sigmas, seconds,
+# By how much joined places may be off, as errors are known to first order: in sigmas, seconds,
 # and shares of their spread, below it and above, as parts of the detections make some of them.
 JOINED_OFF, JOINED_LATE_S, JOINED_SPREAD = 0.25, 0.25, (0.15, 0.7)
 NOT_AS_STATED = "its plots do not err by the spread that they state"
