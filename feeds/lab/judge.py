@@ -91,7 +91,7 @@ class LooksExpected(NamedTuple):
     odds: LookOdds
     counts: Bools  # Of which Pd is known
     sigmas: Floats  # What plots of them are to state of their errors, (k, n); NaN if not known
-    joined: Floats  # How places that several of them make err, (n, 3, 4), as `laws.compared` asks
+    joined: Floats | None  # As `laws.compared` asks, a row a look
 
 
 class FeedTally:
@@ -147,14 +147,16 @@ class FeedTally:
             (looks.entry, target, looks.channel),
         )
         alone = alone[found]
-        of_joined = np.full((n, 3, len(laws.JOINED)), np.nan)
-        of_joined[alone] = expected.joined[row]
-        _, place, times = np.unique(
-            np.stack([truths.entry, whose]), axis=1, return_inverse=True, return_counts=True
-        )
-        is_part = self._are_joined & (times[place.reshape(-1)] > 1)  # Made of some detections each
-        of_joined[is_part] = np.nan
-        sigmas = np.where(is_part[alone], np.nan, expected.sigmas[:, row])
+        sigmas, joined = expected.sigmas[:, row], None
+        if expected.joined is not None:
+            joined = np.full((n, *expected.joined.shape[1:]), np.nan)
+            joined[alone] = expected.joined[row]
+            _, place, times = np.unique(
+                np.stack([truths.entry, whose]), axis=1, return_inverse=True, return_counts=True
+            )
+            is_part = times[place.reshape(-1)] > 1  # Made of some of its detections each
+            joined[is_part] = np.nan
+            sigmas[:, is_part[alone]] = np.nan
         self._take_sigmas(feed.expected, plots.rows(alone), keys[alone], sigmas)
         echoes = _echoes(looks, target, truths, whose, numbers)
         error, sigma, kurtosis = np.full((3, n, len(NAMES)), np.nan)
@@ -163,7 +165,8 @@ class FeedTally:
             anew = np.full(n, -1)
             anew[rows] = np.arange(len(rows))
             mine = echoes.but(entry=anew[echoes.entry]).rows(anew[echoes.entry] >= 0)
-            of_these = mine, truths.rows(rows), plots.rows(rows), of_joined[rows]
+            of_joined = None if joined is None else joined[rows]
+            of_these = mine, truths.rows(rows), plots.rows(rows), of_joined
             compared = laws.compared(feed.expected[which], *of_these)
             error[rows], sigma[rows] = self._judged(compared)
             kurtosis[rows] = compared.kurtosis
@@ -198,7 +201,7 @@ class FeedTally:
         looks, n = feed.looks, len(feed.looks)
         pd, counts, sigmas = looks.pd.copy(), np.ones(n, np.bool_), np.full((len(NAMES), n), np.nan)
         off, keys = np.zeros(n), feed.keys_of_sector[looks.entry]
-        joined = np.full((n, 3, len(laws.JOINED)), np.nan)
+        joined: Floats | None = None
         for which in np.unique(keys).tolist():
             expected, rows = feed.expected[which], np.flatnonzero(keys == which)
             if expected is None:
@@ -227,10 +230,9 @@ class FeedTally:
                 sigmas[NAMES.index(name), rows] = np.where(found.known, sigma, np.nan)
             if found.joined is not None:
                 self._are_joined = True
-                of_joined = found.joined.off, found.joined.variance, found.joined.kurtosis
-                joined[rows] = np.stack(of_joined, axis=1)
-                stated = np.where(np.isnan(found.joined.variance), np.nan, found.joined.stated)
-                for name, column in zip(laws.JOINED, stated.T, strict=True):
+                joined = np.full((n, 3, len(laws.JOINED)), np.nan) if joined is None else joined
+                joined[rows] = found.joined.law
+                for name, column in zip(laws.JOINED, found.joined.stated.T, strict=True):
                     sigmas[NAMES.index(name), rows] = column
         t_s = looks.t_utc_ns / NS
         odds = LookOdds(target=target, t_s=t_s, pd=pd, hit=looks.detected, off=off)

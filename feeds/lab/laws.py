@@ -67,13 +67,13 @@ def compared(
     echoes: ToldLooks,
     truths: ToldPlots,
     measured: MeasuredPlots,
-    joined: Floats,
+    joined: Floats | None,
 ) -> Comparison:
     """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown.
 
     `echoes` are the looks of which they are, with numbers of plots in place of those of entries.
     Of places that several detections make `joined` has the systematic error, the variance and the
-    kurtosis of each of `JOINED`, (n, 3, 4).
+    kurtosis of each of `JOINED`, (n, 3, 4); of others it is None.
     """
     category = int(measured.category[0]) if len(measured) else 0
     steps = steps_of(category)
@@ -82,8 +82,7 @@ def compared(
     place, is_whole = _places(asked, echoes, truths.t_utc_ns, drones, channel)
     sigmas = _sigmas(asked, measured, channel, steps)
     rate_m_s = np.where(drones == 1, truths.range_rate_m_s, np.nan)
-    is_joined = asked is not None and asked.is_joined
-    if asked is None or not is_joined:
+    if asked is None or joined is None:
         expected = _expected(asked, place, rate_m_s, channel, sigmas)
         left_out = ~is_whole | _near_an_end(asked, place, channel, sigmas)
     else:
@@ -117,16 +116,17 @@ def compared(
         found.error[:, k], found.variance[:, k], found.kurtosis[:, k] = error, *law[1:3]
         found.step[k] = law.step
         follows = name == "height" or (name == "range" and asked is not None and asked.is_bistatic)
-        if not is_joined and not follows:
+        if not follows and (asked is None or joined is None):
             far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
             found.off[name] = int((np.abs(error) > far).sum())
-    found.off["time"] = _times_off(asked, truths, measured)
+    found.off["time"] = _times_off(asked, category, truths, measured)
     return found
 
 
-def _times_off(asked: AskedSensor | None, truths: ToldPlots, measured: MeasuredPlots) -> int:
+def _times_off(
+    asked: AskedSensor | None, category: int, truths: ToldPlots, measured: MeasuredPlots
+) -> int:
     """How many plots are at other times than by the sensor's clock."""
-    category = int(measured.category[0]) if len(measured) else 0
     if asked is None or category == TIME_OF_SENDING:
         return 0
     most_ns = TIME_STEP_NS // 2 + 1 if category else 0
@@ -251,9 +251,10 @@ def _of_joined(asked: AskedSensor, place: Place, joined: Floats) -> dict[str, Ex
     """Places that several detections make, about those of their targets."""
     azimuth_deg, elevation_deg, range_m = place
     height_m = asked.frame.heights_m(azimuth_deg, elevation_deg, range_m)
-    true = dict(zip(JOINED, (range_m, azimuth_deg, elevation_deg, height_m), strict=True))
-    of = {name: joined[:, :, k] for k, name in enumerate(JOINED)}
-    return {n: Expected(true[n] + of[n][:, 0], of[n][:, 1], of[n][:, 2]) for n in JOINED}
+    true = np.stack([range_m, azimuth_deg, elevation_deg, height_m], axis=1)
+    off, variance, kurtosis = np.moveaxis(joined, 1, 0)
+    laws = zip((true + off).T, variance.T, kurtosis.T, strict=True)
+    return {name: Expected(*law) for name, law in zip(JOINED, laws, strict=True)}
 
 
 def _placed_range(

@@ -99,16 +99,14 @@ class LooksGiven:
 
 @dataclass(frozen=True)
 class JoinedErrors:
-    """How places err that all detections of a target at one time make: (n, 4) each, a row a look.
+    """How places err that all detections of a target at one time make, a row a look, (n, ..., 4).
 
-    Of range, azimuth, elevation and height, metres and degrees: the systematic error, and the
-    variance and the kurtosis about that, NaN where these are not known; `stated` are the standard
-    deviations that plots state.
+    Of range, azimuth, elevation and height, metres and degrees: `law` has the systematic error, and
+    the variance and the kurtosis about that, and `stated` are the standard deviations that plots
+    state; NaN where these are not known.
     """
 
-    off: Floats
-    variance: Floats
-    kurtosis: Floats
+    law: Floats
     stated: Floats
 
 
@@ -167,8 +165,6 @@ def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     if worse is not None:
         found["pd"] = found["pd"] * worse.pd_factor
         found |= {name: found[name] * worse.error_factor for name in SIGMAS}
-        if (joined := found.get("joined")) is not None:
-            found["joined"] = replace(joined, variance=joined.variance * worse.error_factor**2)
     look.doubt("what a target is, or how fast it flies", look.known & ~np.isfinite(found["pd"]))
     return Asked(**found, known=look.known, why_not="; ".join(look.doubts))
 
@@ -1240,8 +1236,9 @@ def _joined(look: _Look, ends_m: Floats, snr: Floats) -> JoinedErrors:
     doubted |= summed(1.0 - (look.known & is_usual)) > 0
     unknown = doubted[:, None] | (shift**2 > variance)
     kurtosis = 3 * (noise**2).mean(axis=1) / variance**2
-    found = shift, np.where(unknown, np.nan, variance), kurtosis, np.sqrt(stated.mean(axis=1))
-    return JoinedErrors(*(each[of] for each in found))
+    told = np.sqrt(stated.mean(axis=1))
+    errs, told = (np.where(unknown, np.nan, each) for each in (variance * errs2, told))
+    return JoinedErrors(np.stack([shift, errs, kurtosis], axis=1)[of], told[of])
 
 
 def _drawn_variances(sensor: Any, snr: Floats, channel: Ints) -> Floats:
